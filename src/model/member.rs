@@ -89,6 +89,14 @@ impl Member {
         self.heads.iter().map(|head| head.apply(&hidden)).collect()
     }
 
+    /// Returns how many strata a joint network predicts in: 1 where nothing is held fixed.
+    pub fn strata(&self) -> usize {
+        match &self.heads[..] {
+            [own, _, _, _] => own.bias.len(),
+            _ => 1,
+        }
+    }
+
     /// Returns what a joint network says of states.
     pub fn joint(&self, inputs: &Array2<f32>) -> Vec<Joint> {
         let outputs = self.outputs(inputs);
@@ -103,11 +111,8 @@ impl Member {
     /// Makes a joint network one in which no action depends on any other. What the rows of D have
     /// in common is habit, and goes to o.
     pub fn forget_interaction(&mut self) {
-        let (strata, heads) = match &mut self.heads[..] {
-            [own, heads @ ..] if heads.len() == 3 => (own.bias.len(), heads),
-            heads => (1, heads),
-        };
-        let [ego, other, interaction] = heads else {
+        let strata = self.strata();
+        let [.., ego, other, interaction] = &mut self.heads[..] else {
             return;
         };
         let (rows, columns) = (ego.bias.len() / strata, other.bias.len() / strata);
@@ -160,15 +165,11 @@ struct JointHeads<'a> {
 impl<'a> JointHeads<'a> {
     /// Returns `None` of a network of another kind.
     fn new(outputs: &'a [Array2<f32>]) -> Option<Self> {
-        let (own, heads) = match outputs {
-            [own, heads @ ..] if heads.len() == 3 => (Some(own), heads),
-            heads => (None, heads),
-        };
-        let [ego, other, interaction] = heads else {
+        let [own @ .., ego, other, interaction] = outputs else {
             return None;
         };
         Some(Self {
-            own,
+            own: own.first(),
             ego,
             other,
             interaction,
@@ -494,6 +495,122 @@ mod tests {
                 (joint.mutual_information() - quick).abs() < 1e-12,
                 "{joint:?} {quick}"
             );
+        }
+    }
+
+    /// A network of three strata, two of the ego's actions and two of the other's, with so many
+    /// outputs of its interaction.
+    fn stratified(interactions: usize) -> Member {
+        let layer = |out: usize, scale: f32| Layer {
+            weight: Array2::from_shape_fn((out, 2), |(o, i)| {
+                scale * ((3 * o + 5 * i) as f32).sin()
+            }),
+            bias: Array1::from_shape_fn(out, |o| (o as f32).cos()),
+        };
+        Member {
+            trunk: layer(2, 1.0),
+            heads: vec![
+                layer(3, 0.7),
+                layer(6, 1.0),
+                layer(6, 2.0),
+                layer(interactions, 3.0),
+            ],
+        }
+    }
+
+    #[test]
+    fn strata_are_networks_of_one_tick_side_by_side() {
+        let inputs = array![[1.0, 0.5], [-2.0, 3.0], [0.0, 0.0]];
+        for interactions in [4, 12] {
+            let member = stratified(interactions);
+            let part = |head: usize, stratum: usize| {
+                let Layer { weight, bias } = &member.heads[head];
+                let each = [1, 2, 2, 4][head];
+                let from = if bias.len() == each {
+                    0
+                } else {
+                    stratum * each
+                };
+                let outputs = Slice::from(from..from + each);
+                Layer {
+                    weight: weight.slice_axis(Axis(0), outputs).to_owned(),
+                    bias: bias.slice_axis(Axis(0), outputs).to_owned(),
+                }
+            };
+            let alone = |stratum: usize| Member {
+                trunk: member.trunk.clone(),
+                heads: [1, 2, 3].map(|head| part(head, stratum)).into(),
+            };
+            let alone = [0, 1, 2].map(|stratum| alone(stratum).joint(&inputs));
+
+            let joints = member.joint(&inputs);
+            assert!(joints.iter().any(|joint| joint.mutual_information() > 0.01));
+            for (state, (joint, quick)) in
+                joints.iter().zip(member.information(&inputs)).enumerate()
+            {
+                assert!((joint.own.iter().sum::<f64>() - 1.0).abs() < 1e-12);
+                let of_strata = alone.iter().zip(&joint.own);
+                let mean: f64 = of_strata
+                    .map(|(alone, share)| share * alone[state].mutual_information())
+                    .sum();
+                let information = joint.mutual_information();
+                assert!((information - mean).abs() < 1e-12, "{information} {mean}");
+                assert!((information - quick).abs() < 1e-12, "{joint:?} {quick}");
+                for (stratum, alone) in alone.iter().enumerate() {
+                    let ratio = alone[state].ln_ratio(1, 0);
+                    assert!((joint.ln_ratio(2 * stratum + 1, 0) - ratio).abs() < 1e-12);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn figures_of_an_action_are_means_over_strata() {
+        for joint in stratified(12).joint(&array![[1.0, 0.5], [-2.0, 3.0]]) {
+            let policy: f64 = [0, 1].map(|action| joint.policy(action)).iter().sum();
+            let divergence = |action| {
+                joint.given_action(action, |row| joint.divergence(row)) * joint.policy(action)
+            };
+            let response = |action: usize, other: usize| {
+                joint.given_action(action, |row| joint.response[[row, other]])
+            };
+            assert!((policy - 1.0).abs() < 1e-12);
+            let mean = divergence(0) + divergence(1);
+            assert!((mean - joint.mutual_information()).abs() < 1e-12);
+            assert!((response(0, 0) + response(0, 1) - 1.0).abs() < 1e-12);
+        }
+        // Whoever never does a thing has figures of it all the same.
+        let never = Joint::from_policies(
+            vec![0.5, 0.5],
+            vec![1.0, 0.0, 1.0, 0.0],
+            array![[0.5, 0.5], [1.0, 0.0], [0.5, 0.5], [1.0, 0.0]],
+        );
+        let divergence = never.given_action(1, |row| never.divergence(row));
+        assert!(divergence.is_finite() && never.mutual_information() == 0.0);
+    }
+
+    #[test]
+    fn strata_forget_the_interaction_and_keep_their_habits() {
+        let inputs = array![[1.0, 0.5], [-2.0, 3.0]];
+        for interactions in [4, 12] {
+            let mut member = stratified(interactions);
+            // What all rows of D have in common is habit.
+            let common = member.joint(&inputs);
+            member.forget_interaction();
+            let after = member.joint(&inputs);
+            for (before, after) in common.iter().zip(&after) {
+                assert!(after.mutual_information() < 1e-12, "{after:?}");
+                assert_eq!((&before.own, &before.ego), (&after.own, &after.ego));
+                let is_habit = |stratum: usize| {
+                    let [a, b] = [0, 1].map(|i| {
+                        let row = before.response.row(2 * stratum + i);
+                        (row[0] / row[1]).ln()
+                    });
+                    let row = after.response.row(2 * stratum);
+                    (0.5 * (a + b) - (row[0] / row[1]).ln()).abs() < 1e-5
+                };
+                assert!((0..3).all(is_habit), "{before:?} {after:?}");
+            }
         }
     }
 

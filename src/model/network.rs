@@ -94,6 +94,12 @@ impl Network {
         (self.environment, self.version) == (environment, version)
     }
 
+    /// Returns how many strata it predicts in: how many times as long a state takes as one in the
+    /// same tick.
+    pub fn strata(&self) -> usize {
+        self.members.first().map_or(1, Member::strata)
+    }
+
     /// Predicts for states, which are of the network's schema, at a threshold in nats, and
     /// remembers what it said.
     pub fn predict(&self, states: &[StateKey], threshold: f64) -> Vec<Prediction> {

@@ -10,7 +10,7 @@ use crate::domain::{Environment, Pair, Training};
 use crate::error::{ErrorKind, Problem};
 use crate::evidence::MOST_CELLS;
 
-/// The most cells of the strata at a lag together: three agents' worth of forty actions.
+/// The most cells of all strata at a lag: forty actions of each agent, in as many strata.
 const MOST_STRATIFIED_CELLS: u64 = 1 << 16;
 
 /// Says what is too large for a network.

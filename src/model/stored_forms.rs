@@ -452,7 +452,6 @@ mod tests {
                 ..OutcomeDraft::default()
             }],
             lags: vec![1, 3],
-            ..SchemaDraft::default()
         };
         let schema = Schema::try_from(&schema).expect("valid");
         for lag in [0, 1, 3] {

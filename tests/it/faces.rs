@@ -604,7 +604,7 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
 
 /// Every whole number that the body of a request has, with one that is right: by the schema of the
 /// document, and where it stands.
-const WHOLE: [(&str, &str); 11] = [
+const WHOLE: [(&str, &str); 12] = [
     ("Circular.bins", "8"),
     ("Integer.max", "3"),
     ("Integer.min", "0"),
@@ -613,10 +613,21 @@ const WHOLE: [(&str, &str); 11] = [
     ("Rule.min_visits", "8"),
     ("TrainingRequest.epochs", "5"),
     ("TrainingRequest.folds", "2"),
+    ("TrainingRequest.lag", "2"),
     ("TrainingRequest.members", "1"),
     ("TrainingRequest.seed", "7"),
     ("TrainingRequest.width", "4"),
 ];
+
+/// Waits until the job that was told is over, whatever came of it.
+async fn over(app: &TestApp, told: &str) {
+    let job: Value = serde_json::from_str(told).expect("a job");
+    let id = job["id"].as_str().and_then(|id| id.strip_prefix("job-"));
+    let id = id.and_then(|id| id.parse().ok()).expect("a number");
+    let environment = app.app.environments.find("whole").expect("made");
+    let over = app.app.networks.finished(&environment, id).await;
+    assert!(over.expect("known").state.is_over());
+}
 
 /// Those of a batch, which are decoded apart.
 const WHOLE_OF_BATCHES: [&str; 2] = ["Transition.count", "Transitions.sequence"];
@@ -685,7 +696,8 @@ async fn a_whole_number_is_one_however_it_is_written() {
         "agents": [{"name": "c", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}, {"name": "d", "action": [{"name": "x", "integer": {"min": 0, "max": 1}}]}],
         "outcomes": [{"agent": "c", "lag": Outcome.lag}],
         "rule": {"min_visits": Rule.min_visits}}"#;
-    let training = r#"{"epochs": TrainingRequest.epochs, "folds": TrainingRequest.folds, "members": TrainingRequest.members,
+    let training = r#"{"ego": "d", "other": "c", "lag": TrainingRequest.lag, "epochs": TrainingRequest.epochs, "folds": TrainingRequest.folds,
+        "members": TrainingRequest.members,
         "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;
     let question = r#"{"ego": "d", "other": "c", "keys": ["0.0"], "lag": Question.lag}"#;
     let written = |text: &str, odd: &str, ending: &str| {
@@ -726,6 +738,10 @@ async fn a_whole_number_is_one_however_it_is_written() {
                 [200, 201, 202].contains(&status),
                 "{member}{ending}: {told}"
             );
+            // Only so many may wait.
+            if path.ends_with("/models") {
+                over(&app, &told).await;
+            }
         }
         let (status, told) = ask(method, path, written(body, member, ".5")).await;
         let problem: Value = serde_json::from_str(&told).expect("a problem");

@@ -41,6 +41,8 @@ struct World {
     visits: u64,
     /// Whether the follower adds what the leader did to its own last action, in place of copying.
     adds: bool,
+    /// How often the follower is absent.
+    rests: f64,
 }
 
 const USUAL: World = World {
@@ -49,13 +51,25 @@ const USUAL: World = World {
     is_shuffled: false,
     visits: 40,
     adds: false,
+    rests: 0.0,
 };
+
+/// What the follower does while it is absent.
+const ABSENT: u64 = u64::MAX;
 
 /// One step: near, lane and sign, and what both do.
 #[derive(Clone, Copy)]
 struct Step {
     state: [u64; 3],
     actions: [u64; 2],
+}
+
+/// An action as it is sent: null of who is absent.
+fn acted(action: u64) -> Value {
+    match action {
+        ABSENT => Value::Null,
+        action => json!(action),
+    }
 }
 
 /// Whether a state is left for the network alone: half of all are.
@@ -78,13 +92,18 @@ fn hidden() -> impl Iterator<Item = (String, bool)> {
 impl World {
     fn description(&self) -> Value {
         let agent = |name: &str, actions: u64| json!({"name": name, "action": [{"name": "move", "integer": {"min": 0, "max": actions - 1}}]});
+        let mut agents = [("leader", 0), ("follower", 1)]
+            .map(|(name, at): (&str, usize)| agent(name, self.actions[at]));
+        if self.rests > 0.0 {
+            agents[1]["may_be_absent"] = json!(true);
+        }
         json!({
             "state": [
                 {"name": "near", "categorical": {"labels": ["no", "yes"]}},
                 {"name": "lane", "integer": {"min": 0, "max": LANES - 1}},
                 {"name": "sign", "categorical": {"labels": ["a", "b", "c", "d", "e"]}},
             ],
-            "agents": [agent("leader", self.actions[0]), agent("follower", self.actions[1])],
+            "agents": agents,
             "lags": [1, 2, 3],
         })
     }
@@ -100,6 +119,7 @@ impl World {
             let answered = at.checked_sub(LAG).map(|before| steps[before]);
             let answered = answered.filter(|step| step.state[0] == 1 && random.random_bool(COPIES));
             let follows = match (answered, steps.last()) {
+                _ if self.rests > 0.0 && random.random_bool(self.rests) => ABSENT,
                 (Some(step), Some(last)) if self.adds => {
                     (step.actions[0] + last.actions[1]) % self.actions[1]
                 }
@@ -127,11 +147,11 @@ impl World {
             let mut outcomes = json!({});
             for lag in 1..=LAG {
                 outcomes[format!("leader@{lag}")] = json!(leader(at + lag));
-                outcomes[format!("follower@{lag}")] = json!(steps[at + lag].actions[1]);
+                outcomes[format!("follower@{lag}")] = acted(steps[at + lag].actions[1]);
             }
             json!({
                 "state": {"near": near, "lane": lane, "sign": sign},
-                "actions": {"leader": leader(at), "follower": steps[at].actions[1]},
+                "actions": {"leader": leader(at), "follower": acted(steps[at].actions[1])},
                 "outcomes": outcomes,
                 "entry": true,
             })
@@ -374,6 +394,29 @@ async fn an_answer_that_turns_on_what_the_other_did_itself_is_found() {
     let [influences, none] = decided(&app, "lag=3").await;
     assert_eq!((influences[1], none[1]), (0, 0), "{influences:?} {none:?}");
     assert!(influences[0] >= 20, "{influences:?} {none:?}");
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_is_held_fixed_may_be_an_absence() {
+    let world = World {
+        rests: 0.3,
+        visits: 60,
+        ..USUAL
+    };
+    let app = world.counted().await;
+    let model = trained(&app, &draft(3)).await;
+    assert!(model.active, "{:?}", model.card);
+    let [influences, none] = decided(&app, "lag=3").await;
+    assert_eq!((influences[1], none[1]), (0, 0), "{influences:?} {none:?}");
+    assert!(influences[0] >= 20, "{influences:?} {none:?}");
+
+    let environment = app.app.environments.find("street").expect("made");
+    let file = app.app.networks.export(&environment, model.version).await;
+    let file = file.expect("kept");
+    let tensors = SafeTensors::deserialize(&file).expect("a file");
+    let own = tensors.tensor("members.0.own.bias").expect("strata");
+    assert_eq!(own.shape(), [5], "four actions and the absence");
     app.stop().await;
 }
 

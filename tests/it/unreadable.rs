@@ -83,7 +83,7 @@ async fn networks_stay_listed_with_the_reason() {
     );
     assert_eq!(
         why(&listed[0]),
-        "its card: it has form 9 of a newer build, and this one reads up to 1"
+        "its card: it has form 9 of a newer build, and this one reads up to 2"
     );
     assert!(
         why(&listed[1])

@@ -13,7 +13,7 @@ use crate::telemetry;
 use crate::work::{Gate, Stop};
 
 /// Requests of fewer values are sooner answered than handed to another thread; some hundreds of
-/// rows.
+/// rows, and at a lag as many fewer as there are strata.
 const MOST_INLINE_VALUES: usize = 2_048;
 
 /// Versions that are told where one is of another model: the last ones.
@@ -155,7 +155,7 @@ impl Served {
     /// Few states are read and predicted here, many when it is their turn.
     async fn predictions(&self, gate: &Gate, request: Request) -> Result<Vec<Prediction>, Problem> {
         let (schema, network) = (self.environment.schema.clone(), self.network.clone());
-        if request.values() <= MOST_INLINE_VALUES {
+        if request.values().saturating_mul(network.strata()) <= MOST_INLINE_VALUES {
             return Ok(network.predict(&request.states(&schema)?, network.threshold));
         }
 

@@ -41,6 +41,17 @@ pub(super) fn aborted(error: impl Into<Cause>) -> StoreError {
     }
 }
 
+/// What could not be read for a commit, or to resume a producer, keeps it from being made: nothing is
+/// counted, and who sent it may send it again.
+pub(super) fn of_commit(error: StoreError) -> StoreError {
+    match error {
+        StoreError::Unreadable(why) => {
+            StoreError::Aborted(Cause::new(StorageFault::InputOutput, why))
+        }
+        error => error,
+    }
+}
+
 /// An error of COMMIT itself, after which a part of the journal may or may not be on the disk.
 ///
 /// A full disk is certain: the last page of a transaction makes it whole, and SQLite reports

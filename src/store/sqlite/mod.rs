@@ -286,10 +286,8 @@ impl Store for SqliteStore {
         producer: &ProducerId,
     ) -> Result<Sequence, StoreError> {
         let mut transaction = self.writer.begin().await?;
-        let watermark = self.noted(
-            Some(id),
-            read::watermark(transaction.connection(), id, producer).await,
-        )?;
+        let watermark = read::watermark(transaction.connection(), id, producer).await;
+        let watermark = self.noted(Some(id), watermark.map_err(error::of_commit))?;
 
         transaction.end().await?;
         watermark.ok_or(StoreError::UnknownEnvironment)
@@ -301,10 +299,8 @@ impl Store for SqliteStore {
         producer: &ProducerId,
     ) -> Result<Option<Name>, StoreError> {
         let mut transaction = self.writer.begin().await?;
-        let owner = self.noted(
-            Some(id),
-            read::owner(transaction.connection(), id, producer).await,
-        )?;
+        let owner = read::owner(transaction.connection(), id, producer).await;
+        let owner = self.noted(Some(id), owner.map_err(error::of_commit))?;
         transaction.end().await?;
 
         let name = owner.map(|owner| owner.parse().map_err(StoreError::Unreadable));
@@ -312,11 +308,11 @@ impl Store for SqliteStore {
     }
 
     async fn commit(&self, batches: &[Numbered]) -> Result<Vec<Outcome>, StoreError> {
-        self.wait_for_room().await?;
-        self.noted(
-            None,
-            commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await,
-        )
+        let committing = async {
+            self.wait_for_room().await?;
+            commit::commit(&self.writer, &self.memory.directory, self.quotas, batches).await
+        };
+        self.noted(None, committing.await.map_err(error::of_commit))
     }
 
     async fn counts(

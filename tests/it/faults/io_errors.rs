@@ -59,16 +59,6 @@ impl Fault {
     }
 }
 
-/// Returns what is sent into a fault: outcomes and absences too, but where reads fail. A producer whose
-/// stream meets such a read is told INTERNAL, which is not for sending again, and with outcomes one is
-/// met sooner.
-fn shape(fault: Fault) -> Shape {
-    Shape {
-        observed: fault.classes & READ == 0,
-        ..SHAPE
-    }
-}
-
 /// What producers may be told while a disk fails: that it is worth sending again.
 fn assert_may_be_sent_again(refusals: &HashMap<String, u64>, fault: Fault) {
     for refusal in refusals.keys() {
@@ -85,8 +75,7 @@ async fn survives(fault: Fault) -> u64 {
     let server = Server::run(disk.under(&mut Server::folding(disk.path(), "127.0.0.1:0")))
         .expect("it starts");
     make_lane(server.address).await;
-    let shape = shape(fault);
-    let load = Load::start(server.address, shape, &VOICES);
+    let load = Load::start(server.address, SHAPE, &VOICES);
     load.progress(8).await;
     disk.fail(fault.classes, fault.pass, fault.failures, fault.errno);
     eventually("the fault comes", async || disk.failed() > 0).await;
@@ -109,7 +98,7 @@ async fn survives(fault: Fault) -> u64 {
     assert_may_be_sent_again(&load.refusals(), fault);
     server.kill();
     let acknowledged = load.abandon().await;
-    assert_exactly_once(disk.path(), shape, &acknowledged).await;
+    assert_exactly_once(disk.path(), SHAPE, &acknowledged).await;
     failed
 }
 

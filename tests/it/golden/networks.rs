@@ -284,7 +284,7 @@ const EDITS: &[Edit] = &[
     ("/metadata/schema_hash", |file| {
         file.tell("schema_hash", &"0".repeat(64))
     }),
-    ("/metadata/format", |file| file.tell("format", "nudge/2")),
+    ("/metadata/format", |file| file.tell("format", "nudge/3")),
     ("/metadata/kind", |file| file.tell("kind", "deep")),
     ("/metadata/ego", |file| file.tell("ego", "cat")),
     ("/metadata/other", |file| file.tell("other", "robot")),
