@@ -15,12 +15,14 @@ use sqlx::sqlite::{SqliteConnectOptions, SqliteJournalMode, SqliteSynchronous};
 use sqlx::{Connection, SqliteConnection};
 use support::sink::sink;
 use support::{
-    ACTIONS, BATCH, Service, batches, channel, columns, make_world, median, packed, process, pump,
-    pump_every, quantile, report, runtime, start_binary, state, wanted,
+    ACTIONS, BATCH, Service, batches, channel, columns, make_lagged_world, make_world, median,
+    observed, packed, process, pump, pump_every, quantile, report, runtime, start_binary, state,
+    wanted,
 };
 
 const ROUNDS: usize = 5;
 const HOT_BATCHES: u64 = 4_000;
+const FAMILY_BATCHES: u64 = 1_000;
 const UNIFORM_BATCHES: u64 = 1_000;
 const LATENCY_BATCHES: u64 = 20_000;
 
@@ -28,6 +30,10 @@ fn main() {
     runtime().block_on(async {
         if wanted("hot") {
             hot().await;
+        }
+        if wanted("families") {
+            families(6, "(target >= 0.12)").await;
+            families(12, "(target >= 0.06)").await;
         }
         if wanted("uniform") {
             uniform().await;
@@ -79,6 +85,43 @@ async fn hot_as(form: &str, load: &[proto::Columns], target: &str) {
         durable,
         "decode and drop",
         dropped,
+        "transitions/s",
+        target,
+    );
+}
+
+/// 8,000 hot cells with both agents' actions at so many lags beside them, uniformly, beside the same
+/// load without outcomes.
+async fn families(lags: u32, target: &str) {
+    let outcomes = 2 * lags as usize;
+    let plain = batches(223, 64, 1);
+    let mut random = <rand::rngs::StdRng as rand::SeedableRng>::seed_from_u64(7);
+    let load: Vec<proto::Columns> = plain
+        .iter()
+        .map(|batch| observed(batch, outcomes, &mut random))
+        .collect();
+
+    let service = Service::start().await;
+    make_world(service.address, "plain", ACTIONS).await;
+    let lags: Vec<u32> = (1..=lags).collect();
+    make_lagged_world(service.address, "lagged", &lags).await;
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        without.push(per_second(
+            HOT_BATCHES,
+            pump(service.address, "plain", "p", &plain, HOT_BATCHES).await,
+        ));
+        with.push(per_second(
+            FAMILY_BATCHES,
+            pump(service.address, "lagged", "p", &load, FAMILY_BATCHES).await,
+        ));
+    }
+    service.stop().await;
+    report(
+        &format!("durable ingest, 8,000 hot cells, {outcomes} outcomes"),
+        median(with),
+        "without outcomes",
+        median(without),
         "transitions/s",
         target,
     );

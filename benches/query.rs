@@ -23,8 +23,8 @@ use nudge::api::proto::{
 };
 use support::http::{get, latencies, report_tail};
 use support::{
-    ACTIONS, Service, batches, channel, listen, make_world, median, process, pump, report, runtime,
-    start_binary, start_binary_with, state, wanted,
+    ACTIONS, Service, batches, channel, listen, make_lagged_world, make_world, median, observed,
+    process, pump, report, runtime, start_binary, start_binary_with, state, wanted,
 };
 use tokio::net::TcpStream;
 use tonic::{Request, Response, Status};
@@ -46,6 +46,9 @@ fn main() {
         }
         if wanted("evidence") {
             evidence(&service).await;
+        }
+        if wanted("lag") {
+            lag(&service).await;
         }
         if wanted("busy") {
             busy(&service).await;
@@ -199,6 +202,53 @@ async fn evidence(service: &Service) {
         "calls/s",
         "(target >= 40 calls/s)",
     );
+}
+
+/// 10,000 known states in one call, view `figures`: what the other does three steps later beside
+/// what it does now, of the same transitions; remembered, and where nothing was found before.
+async fn lag(service: &Service) {
+    let mut random = <rand::rngs::StdRng as rand::SeedableRng>::seed_from_u64(7);
+    let load: Vec<_> = batches(STATES, 500, 1)
+        .iter()
+        .map(|batch| observed(batch, 4, &mut random))
+        .collect();
+    make_lagged_world(service.address, "lagged", &[2, 3]).await;
+    pump(service.address, "lagged", "p", &load, 500).await;
+
+    let mut client = InfluenceServiceClient::new(channel(service.address).await);
+    let at_lag = |lag| {
+        let mut question = question("lagged", "evidence", View::Figures);
+        question.scope.as_mut().expect("a scope").lag = lag;
+        question
+    };
+    let [now, later] = [0, 3].map(at_lag);
+    let [mut first, mut again] = [[Vec::new(), Vec::new()], [Vec::new(), Vec::new()]];
+    for _ in 0..ROUNDS {
+        for (at, question) in [&now, &later].into_iter().enumerate() {
+            // What was found with another fit is found anew.
+            let fit = FitPriorRequest {
+                environment: "lagged".into(),
+                lag: question.scope.as_ref().expect("a scope").lag,
+                ..Default::default()
+            };
+            client.fit_prior(fit).await.expect("fitted");
+            let started = Instant::now();
+            let answered = client.batch_get_influence(question.clone()).await;
+            answered.expect("answered");
+            first[at].push(1.0 / started.elapsed().as_secs_f64());
+            again[at].push(calls_per_second(&mut client, question).await);
+        }
+    }
+    for (what, [now, later]) in [("at first", first), ("again", again)] {
+        report(
+            &format!("10,000 states at lag 3, {what}"),
+            median(later),
+            "at lag 0",
+            median(now),
+            "calls/s",
+            "(target >= 0.5)",
+        );
+    }
 }
 
 /// 10,000 known states in one call, view `verdict` by the paper's rule.

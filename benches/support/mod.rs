@@ -145,7 +145,29 @@ pub async fn make_world(address: SocketAddr, name: &str, actions: u32) {
 }
 
 /// Makes a world as [`make_world`] does, by a client of the caller's.
-pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &str, actions: u32) {
+pub async fn make_world_by(client: EnvironmentServiceClient<Wire>, name: &str, actions: u32) {
+    apply(client, name, world(actions)).await;
+}
+
+/// Makes a world whose agents are observed at each of these lags too.
+pub async fn make_lagged_world(address: SocketAddr, name: &str, lags: &[u32]) {
+    let schema = proto::Schema {
+        lags: lags.to_vec(),
+        ..world(ACTIONS)
+    };
+    apply(connection(address).await.environments(), name, schema).await;
+}
+
+async fn apply(mut client: EnvironmentServiceClient<Wire>, name: &str, schema: proto::Schema) {
+    let request = proto::ApplyEnvironmentRequest {
+        name: name.into(),
+        schema: Some(schema),
+        rule: None,
+    };
+    client.apply_environment(request).await.expect("valid");
+}
+
+fn world(actions: u32) -> proto::Schema {
     let integer = |name: String, bins: u32| proto::Feature {
         name,
         unit: String::new(),
@@ -173,17 +195,11 @@ pub async fn make_world_by(mut client: EnvironmentServiceClient<Wire>, name: &st
         action: vec![integer("move".into(), actions)],
         ..proto::Agent::default()
     };
-    let schema = proto::Schema {
+    proto::Schema {
         state: STATE_BINS.into_iter().enumerate().map(feature).collect(),
         agents: vec![agent("ego"), agent("other")],
         ..proto::Schema::default()
-    };
-    let request = proto::ApplyEnvironmentRequest {
-        name: name.into(),
-        schema: Some(schema),
-        rule: None,
-    };
-    client.apply_environment(request).await.expect("valid");
+    }
 }
 
 /// Batches whose transitions fall into `states` states, uniformly.
@@ -207,6 +223,16 @@ pub fn columns(states: Vec<f32>, actions: Vec<f32>) -> proto::Columns {
         states_le: Values::from(states).into_le_bytes(),
         actions_le: Values::from(actions).into_le_bytes(),
         ..Default::default()
+    }
+}
+
+/// The same batch with so many outcomes beside each transition, uniformly: what the agents do at so
+/// many lags.
+pub fn observed(columns: &proto::Columns, outcomes: usize, random: &mut StdRng) -> proto::Columns {
+    let letters = (0..BATCH * outcomes).map(|_| random.random_range(0..ACTIONS) as f32);
+    proto::Columns {
+        outcomes_le: Values::from(letters.collect::<Vec<_>>()).into_le_bytes(),
+        ..columns.clone()
     }
 }
 
