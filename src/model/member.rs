@@ -503,7 +503,7 @@ mod tests {
     fn stratified(interactions: usize) -> Member {
         let layer = |out: usize, scale: f32| Layer {
             weight: Array2::from_shape_fn((out, 2), |(o, i)| {
-                scale * ((3 * o + 5 * i) as f32).sin()
+                scale * ((2 * o + 5 * i) as f32).sin()
             }),
             bias: Array1::from_shape_fn(out, |o| (o as f32).cos()),
         };
