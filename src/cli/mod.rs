@@ -49,8 +49,8 @@ use crate::access::redacted;
     long_about = "Tells when one agent's action influences another's: in this state, how strongly, how sure, and which actions do it.\n\n\
         A first look, with a service running (`nudge serve`):\n  \
         nudge ingest --format overcooked data/overcooked/train.csv.gz\n  \
-        nudge query cramped_room --state player_0.position=1,1 player_0.orientation=N player_0.held=nothing \
-        player_1.position=3,1 player_1.orientation=S player_1.held=onion"
+        nudge query cramped_room --lag 3 --state player_0.x=1 player_0.y=1 player_0.orientation=N player_0.held=nothing \
+        player_1.x=3 player_1.y=1 player_1.orientation=S player_1.held=onion"
 )]
 pub struct Cli {
     #[command(subcommand)]

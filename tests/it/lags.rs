@@ -928,6 +928,16 @@ async fn recorded_play_is_sent_with_its_lags() {
         assert_eq!(summary["transitions"], json!(carried), "lag {lag}");
     }
 
+    // What the help says to try.
+    let (_, help, _) = run(&app, &["--help"]).await;
+    let line = help
+        .lines()
+        .find_map(|line| line.trim().strip_prefix("nudge query "));
+    let query: Vec<&str> = line.expect("an example").split(' ').collect();
+    let (code, stdout, stderr) = run(&app, &[&["query"], &query[..]].concat()).await;
+    assert_eq!(code, 0, "{stderr}");
+    assert!(stdout.contains("3 steps later"), "{stdout}");
+
     // Where there are none, nothing is sent, and a line says what to do.
     let none = ["--lags", "none", "--name", "before"];
     let (code, _, stderr) = run(&app, &[&ingest[..], &none].concat()).await;
