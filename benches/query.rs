@@ -31,6 +31,7 @@ use tonic::{Request, Response, Status};
 
 const ROUNDS: usize = 5;
 const STATES: u32 = 10_000;
+const LAGGED_STATES: u32 = 1_000;
 const PATH: &str = "/v1/environments/world/influence?key=1.1.1.1.1.1&view=figures";
 
 fn main() {
@@ -204,21 +205,22 @@ async fn evidence(service: &Service) {
     );
 }
 
-/// 10,000 known states in one call, view `figures`: what the other does three steps later beside
-/// what it does now, of the same transitions; remembered, and where nothing was found before.
+/// 1,000 known states in one call, view `figures`: what the other does three steps later beside what
+/// it does now, of the same transitions; remembered, and where nothing was found before.
 async fn lag(service: &Service) {
     let mut random = <rand::rngs::StdRng as rand::SeedableRng>::seed_from_u64(7);
-    let load: Vec<_> = batches(STATES, 500, 1)
+    let load: Vec<_> = batches(LAGGED_STATES, 50, 1)
         .iter()
         .map(|batch| observed(batch, 4, &mut random))
         .collect();
     make_lagged_world(service.address, "lagged", &[2, 3]).await;
-    pump(service.address, "lagged", "p", &load, 500).await;
+    pump(service.address, "lagged", "p", &load, 50).await;
 
     let mut client = InfluenceServiceClient::new(channel(service.address).await);
     let at_lag = |lag| {
         let mut question = question("lagged", "evidence", View::Figures);
         question.scope.as_mut().expect("a scope").lag = lag;
+        question.states.truncate(LAGGED_STATES as usize);
         question
     };
     let [now, later] = [0, 3].map(at_lag);
@@ -241,7 +243,7 @@ async fn lag(service: &Service) {
     }
     for (what, [now, later]) in [("at first", first), ("again", again)] {
         report(
-            &format!("10,000 states at lag 3, {what}"),
+            &format!("1,000 states at lag 3, {what}"),
             median(later),
             "at lag 0",
             median(now),
