@@ -16,8 +16,8 @@ ENVIRONMENT = "/v1/environments/{environment}"
 # Where a value of the right form can be wrong all the same: for what is stored, or for what stands beside it.
 FEATURE = r"/(state|agents/\d+/action|outcomes/\d+/value)/\d+"
 OPEN = re.compile("|".join([
-    # Agents, segments, states, pages and versions that do not exist there.
-    r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer)",
+    # Agents, lags, segments, states, pages and versions that do not exist there.
+    r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer|lag)",
     # Which characters are printable is for Unicode to say.
     r"/segment",
     # A threshold and a share exclude each other, and neither can be above what the two agents can reach.

@@ -5,6 +5,7 @@ use super::likelihood::{Likelihood, Null, NullMixture, anchor, row_counts};
 use super::log_space::ln_sum;
 use super::parameters::{DEVIANTS, NULLS};
 use crate::information::Table;
+use crate::special_functions::ln_rising;
 
 /// The Bayes factors of the rows of a slice, each for being the one that deviates.
 pub(super) struct Deviants {
@@ -131,6 +132,53 @@ impl Likelihood {
             untried: self.drivers.saturating_sub(rows.len() as u64) as f64,
             rows,
         }
+    }
+
+    /// Returns the same of one of several slices, beside what chance gives at its margins: the
+    /// probability of drawing the row's visits from those of all rows, without replacement.
+    ///
+    /// Whatever the habits are, the mean of such a Bayes factor over independent tables with these
+    /// margins is 1 at most, so that hundreds of slices in which nothing depends tell of nothing.
+    /// By the null, whose habits are those of one of its components, each slice of other habits had
+    /// a little for a row nearer to the base.
+    pub fn deviants_at_margins(&self, table: &Table) -> Deviants {
+        let anchor = anchor(table);
+        let row = |row: usize| {
+            let mut left: Vec<u64> = table.columns().to_vec();
+            let counts: Vec<(usize, u64)> = table
+                .row(row)
+                .iter()
+                .map(|cell| (cell.column as usize, cell.n))
+                .collect();
+            let own = if anchor == Some(row) {
+                counts.iter().for_each(|(column, n)| left[*column] -= n);
+                left.iter().copied().enumerate().collect()
+            } else {
+                counts
+            };
+            self.beside_draws(table, &own)
+        };
+
+        let rows: Vec<[f64; DEVIANTS]> = (0..table.rows().len()).map(row).collect();
+        Deviants {
+            untried: self.drivers.saturating_sub(rows.len() as u64) as f64,
+            rows,
+        }
+    }
+
+    /// Returns ln DM(n; k m) of counts by column for each slab, less that of drawing them in turn.
+    fn beside_draws(&self, table: &Table, counts: &[(usize, u64)]) -> [f64; DEVIANTS] {
+        let drawn = |all: u64, n: u64| ln_rising((all - n) as f64 + 1.0, n);
+        let total: u64 = counts.iter().map(|(_, n)| n).sum();
+        let of_columns: f64 = counts
+            .iter()
+            .map(|(column, n)| drawn(table.columns()[*column], *n))
+            .sum();
+        let chance = of_columns - drawn(table.total(), total);
+
+        let labels = table.column_labels();
+        let labelled = counts.iter().map(|(column, n)| (labels[*column], *n));
+        self.deviant(labelled, total).map(|own| own - chance)
     }
 
     /// Returns ln sum_b v_b DM(c - n_i.; b m).

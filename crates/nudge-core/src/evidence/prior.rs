@@ -156,11 +156,16 @@ impl Prior {
             self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut margins[side])
         };
 
-        let deviants = readings
+        let mut deviants: Vec<[Deviants; 2]> = readings
             .wholes
             .iter()
             .map(|reading| [0, 1].map(|side| said(side, reading)))
             .collect();
+        for side in 0..2 {
+            let tables = readings.wholes.iter().map(|reading| &*reading[side]);
+            let slices = tables.zip(deviants.iter_mut().map(|deviants| &mut deviants[side]));
+            self.sides[side].look_at_margins(slices, &mut slabs[side], &margins[side]);
+        }
         let nulls = [0, 1].map(|side| self.sides[side].join(&margins[side], &mut slabs[side]));
 
         let mut segments = (readings.parts.number() > 0).then(|| {

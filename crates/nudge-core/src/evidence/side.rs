@@ -137,6 +137,28 @@ impl Side {
         deviants
     }
 
+    /// Looks for the row that deviates in each of several slices once more, beside what chance gives
+    /// at its margins; of one slice everything stays.
+    pub fn look_at_margins<'a>(
+        &self,
+        slices: impl Iterator<Item = (&'a Table, &'a mut Deviants)>,
+        slabs: &mut [f64; SLABS],
+        state: &StateMargins,
+    ) {
+        if !state.nulls.are_several() {
+            return;
+        }
+        for (table, deviants) in slices.filter(|(table, _)| !table.is_line()) {
+            let before = deviants.evidence();
+            *deviants = self.likelihood.deviants_at_margins(table);
+            let after = deviants.evidence();
+            slabs[DEVIANT_SLABS]
+                .iter_mut()
+                .zip(after.iter().zip(before))
+                .for_each(|(ln, (after, before))| *ln += after - before);
+        }
+    }
+
     /// Corrects the Bayes factors of several slices for what they have in common, and returns ln of
     /// the null of all.
     pub fn join(&self, state: &StateMargins, slabs: &mut [f64; SLABS]) -> f64 {

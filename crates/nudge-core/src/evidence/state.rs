@@ -80,13 +80,18 @@ impl State {
 
     /// Looks for rows that deviate from the null of a side, which is mixed so.
     pub fn look_for_deviants(&mut self, side: usize, likelihood: &Likelihood, nulls: &NullMixture) {
+        let are_several = self.sides[side].nulls.are_several();
+        let found = |table: &Table| {
+            if are_several {
+                return likelihood.deviants_at_margins(table);
+            }
+            let null = nulls.given(&likelihood.shared(columns(table), table.total()));
+            likelihood.deviants(table, nulls, &null)
+        };
+
         let mut deviants = [0.0; DEVIANTS];
         for slice in &self.slices {
-            let null = nulls.given(&likelihood.shared(columns(&slice[side]), slice[side].total()));
-            add(
-                &mut deviants,
-                &likelihood.deviants(&slice[side], nulls, &null).evidence(),
-            );
+            add(&mut deviants, &found(&slice[side]).evidence());
         }
         self.sides[side].deviants = Some(Scaled::new(deviants));
     }

@@ -1206,3 +1206,55 @@ fn the_order_of_the_variables_changes_no_bit_of_what_is_cut() {
         assert_eq!(prior.dependent(state.counted()), one.dependent());
     }
 }
+
+/// Independent actions in one state of so many slices, by the prior that nothing was fitted to: in
+/// this share of visits of a slice the ego's is the slice's own letter, else any.
+fn of_independent_slices(letters: u64, slices: u64, visits: u64, share: f64, seed: u64) -> f64 {
+    let mut random = rand_pcg::Pcg64::seed_from_u64(seed);
+    let slice = |own: u64| {
+        let each = (0..visits).map(|_| {
+            let mut letter = || random.random_range(0..letters);
+            let (any, other) = (letter(), letter());
+            let row = if random.random_bool(share) {
+                own % letters
+            } else {
+                any
+            };
+            (row, other, 1)
+        });
+        Table::from_counts(each.collect::<Vec<_>>())
+    };
+    let tables: Vec<Table> = (0..slices).map(slice).collect();
+    let base = || Base::new(&vec![1_000; letters as usize]);
+    let alphabet = Alphabet {
+        rows: letters,
+        columns: letters,
+    };
+    let fit = Fit {
+        bases: [base(), base()],
+        ..Fit::cold(alphabet)
+    };
+    Prior::new(&fit).dependent(&tables)
+}
+
+#[test]
+fn many_slices_of_few_visits_are_no_dependence() {
+    for (letters, slices, visits, share) in [
+        (3, 243, 8, 0.0),
+        (4, 256, 8, 0.0),
+        (2, 128, 16, 0.0),
+        (6, 216, 5, 0.0),
+        (12, 144, 20, 0.0),
+        (25, 25, 100, 0.8),
+        (64, 64, 200, 0.8),
+        (128, 128, 312, 0.8),
+    ] {
+        for seed in 0..3 {
+            let p = of_independent_slices(letters, slices, visits, share, seed);
+            assert!(
+                p < 0.5,
+                "{letters} letters, {slices} slices, {visits} visits: {p}"
+            );
+        }
+    }
+}
