@@ -34,7 +34,7 @@ pub struct Config {
     )]
     #[serde(serialize_with = "as_text")]
     pub(super) data: PathBuf,
-    /// The most cells (state, segment, joint action) of an environment.
+    /// The most cells (state, segment, joint action; and value, of each outcome) of an environment.
     #[arg(long, env = "NUDGE_MAX_CELLS", value_name = "N", value_parser = at_least_one::<u64>, default_value_t = Quotas::default().cells)]
     pub(super) max_cells: u64,
     /// The most segments of an environment.

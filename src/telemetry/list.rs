@@ -91,8 +91,8 @@ metrics! {
     KEPT: gauge("nudge_transitions", &["environment"]);
     /// Distinct states, by environment; a little behind while very much is counted
     STATES: gauge("nudge_states", &["environment"]);
-    /// Cells (state, segment, joint action), by environment; a little behind while very much is
-    /// counted
+    /// Cells (state, segment, joint action; and value, of each outcome), by environment; a little
+    /// behind while very much is counted
     CELLS: gauge("nudge_cells", &["environment"]);
     /// What is used of a quota, from 0 to 1, by environment; that of `environments` is of the whole
     /// service
