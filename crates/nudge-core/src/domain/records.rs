@@ -63,6 +63,8 @@ pub struct Records {
     pub entries: Vec<Entry>,
     /// How often each record was observed, or empty for once each.
     pub counts: Vec<u64>,
+    /// The track that each record is a step of, if it is told; empty where none is.
+    pub tracks: Vec<Option<u64>>,
     /// The records that could not be decoded, by index; their values above are zeros.
     pub undecodable: Vec<Rejection>,
 }
@@ -85,6 +87,9 @@ pub struct Record {
     pub entry: Entry,
     /// How often it was observed.
     pub count: u64,
+    /// The track that it is a step of, by a number of the sender's own: then the service decides
+    /// whether it is an entry, where `entry` does not say.
+    pub track: Option<u64>,
 }
 
 impl Record {
@@ -99,6 +104,7 @@ impl Record {
             outcomes_present: Vec::new(),
             entry: Entry::Unknown,
             count: 1,
+            track: None,
         }
     }
 }
@@ -147,6 +153,9 @@ impl Records {
         }
         if self.counts.iter().all(|count| *count == 1) {
             self.counts.clear();
+        }
+        if self.tracks.iter().all(Option::is_none) {
+            self.tracks.clear();
         }
         self
     }
@@ -198,18 +207,23 @@ impl Records {
         );
         hasher.update(bytemuck::cast_slice(&self.counts));
 
-        // Nothing where every agent acted and nothing was observed: so it was when all records were
-        // like that.
+        // Nothing where every agent acted, nothing was observed and no track is told: so it was when
+        // all records were like that.
         let later = [
             self.actions_present.bits(),
             self.outcomes.le_bytes(),
             self.outcomes_present.bits(),
         ];
-        if later.iter().any(|column| !column.is_empty()) {
+        let are_told = !self.tracks.is_empty();
+        if are_told || later.iter().any(|column| !column.is_empty()) {
             for column in later {
                 hasher.update(&(column.len() as u64).to_le_bytes());
                 hasher.update(column);
             }
+        }
+        for track in &self.tracks {
+            hasher.update(&[u8::from(track.is_some())]);
+            hasher.update(&track.unwrap_or(0).to_le_bytes());
         }
         hasher
     }
@@ -247,6 +261,8 @@ pub struct Collecting {
     outcomes_present: Flags,
     entries: Vec<Entry>,
     counts: Vec<u64>,
+    /// None as long as no record tells its track.
+    tracks: Vec<Option<u64>>,
     undecodable: Vec<Rejection>,
 }
 
@@ -261,6 +277,7 @@ impl Collecting {
             outcomes_present: Flags::default(),
             entries: Vec::with_capacity(records),
             counts: Vec::with_capacity(records),
+            tracks: Vec::new(),
             undecodable: Vec::new(),
             widths,
         }
@@ -297,6 +314,10 @@ impl Collecting {
         };
         self.outcomes_present.push(flags, is_observed, outcomes);
 
+        if record.track.is_some() || !self.tracks.is_empty() {
+            self.tracks.resize(self.len(), None);
+            self.tracks.push(record.track);
+        }
         self.entries.push(record.entry);
         self.counts.push(record.count);
     }
@@ -323,6 +344,7 @@ impl Collecting {
             outcomes_present: self.outcomes_present.packed(),
             entries: self.entries,
             counts: self.counts,
+            tracks: self.tracks,
             undecodable: self.undecodable,
         };
         records.normalised(&self.widths)
@@ -595,6 +617,48 @@ mod tests {
         let zeros = by_rows([0.0, 0.0, 3.0], &[0.0; 3], &[true, false]);
         let both = by_rows([0.0, 0.0, 3.0], &[7.0, 0.0, 0.0], &[]);
         let contents = [&one, &unknown, &zeros, &both];
+        for (at, content) in contents.iter().enumerate() {
+            for other in &contents[..at] {
+                assert_ne!(content.digest(None), other.digest(None));
+            }
+        }
+    }
+
+    #[test]
+    fn tracks_are_content_where_one_is_told() {
+        let by_tracks = |tracks: &[Option<u64>]| {
+            let record = |track: &Option<u64>| Record {
+                track: *track,
+                ..Record::new(vec![0.5], vec![1.0, 2.0, 3.0])
+            };
+            Records::collect(three_slots(), tracks.iter().map(record).map(Ok))
+        };
+        let none = by_tracks(&[None; 3]);
+        assert!(none.tracks.is_empty());
+        let columns = Records {
+            tracks: vec![None; 3],
+            ..none.clone()
+        };
+        assert_eq!(columns.normalised(&three_slots()), none);
+
+        let late = by_tracks(&[None, None, Some(0)]);
+        assert_eq!(late.tracks, [None, None, Some(0)]);
+        let early = by_tracks(&[Some(0), None, None]);
+        assert_eq!(early.tracks, [Some(0), None, None]);
+
+        let observed = Records {
+            outcomes: vec![0.0; 9].into(),
+            ..late.clone()
+        };
+        let others = [
+            [Some(0); 3],
+            [Some(0), Some(0), Some(1)],
+            [Some(u64::MAX); 3],
+        ];
+        let contents: Vec<Records> = [none, late, early, observed]
+            .into_iter()
+            .chain(others.map(|tracks| by_tracks(&tracks)))
+            .collect();
         for (at, content) in contents.iter().enumerate() {
             for other in &contents[..at] {
                 assert_ne!(content.digest(None), other.digest(None));

@@ -84,6 +84,7 @@ fn record(widths: &Widths, transition: proto::Transition) -> Result<Record, (Str
         outcomes_present: flags("/outcomes_present", transition.outcomes_present, outcomes)?,
         entry,
         count,
+        track: transition.track,
     })
 }
 
@@ -122,6 +123,7 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
         outcomes_le,
         actions_present,
         outcomes_present,
+        tracks,
     } = columns;
     let len = count as usize;
     let mut faults = Vec::new();
@@ -129,7 +131,12 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
     let of = |name, width| Column { name, len, width };
     let states = of("states", widths.state).values(states, states_le, &mut faults);
     let actions = of("actions", widths.actions).values(actions, actions_le, &mut faults);
-    for (name, got) in [("entries", entries.len()), ("counts", counts.len())] {
+    let optional = [
+        ("entries", entries.len()),
+        ("counts", counts.len()),
+        ("tracks", tracks.len()),
+    ];
+    for (name, got) in optional {
         if got != 0 && got != len {
             faults.push(of(name, 1).fault("", format!("got {got} values")));
         }
@@ -174,6 +181,7 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
         outcomes_present,
         entries,
         counts,
+        tracks: tracks.into_iter().map(Some).collect(),
         undecodable,
     }
     .normalised(widths))
