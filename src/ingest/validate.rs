@@ -1,24 +1,29 @@
 //! Validation and discretisation, from decoded records to what they add: every value gets its bin,
 //! and every record that has none is rejected.
 //!
-//! A pure function of the schema, so a batch that is sent again gets the same receipt.
+//! Which records are rejected goes by the schema alone, so a batch that is sent again gets the same
+//! receipt. Only entries that the sender leaves to the service go by what came before.
 
 use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use foldhash::fast::RandomState;
 
+use super::tracks::{Step, Tracks};
 use crate::domain::{
     Agent, Entry, Feature, Increment, Label, Numbers, Outcome, Receipt, Records, Rejection, Schema,
     SlotNumber, SlotNumbers, StateKey, States, Tally, Values, Widths,
 };
 
-/// Validates records; returns the increment that they are under a segment, and the receipt.
+/// Validates records; returns the increment that they are under a segment, and the receipt. Their
+/// tracks are those of what was validated before, and go on with these records.
 pub fn validate(
     schema: &Schema,
     segment: Option<Label>,
     records: &Records,
+    tracks: &mut Tracks,
 ) -> (Increment, Receipt) {
-    let mut sum = Sum::new(schema, records);
+    let mut sum = Sum::new(schema, records, tracks);
     let mut receipt = Receipt::default();
     let mut undecodable = records.undecodable.iter().peekable();
     for first in (0..records.len).step_by(Numbers::LANES) {
@@ -29,7 +34,10 @@ pub fn validate(
                 .cloned();
             match known.map_or_else(|| sum.add(&block, index), Err) {
                 Ok(()) => receipt.accepted += 1,
-                Err(rejection) => reject(&mut receipt, rejection),
+                Err(rejection) => {
+                    sum.pass_over(index);
+                    reject(&mut receipt, rejection);
+                }
             }
         }
     }
@@ -51,6 +59,7 @@ struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,
     records: &'a Records,
+    tracks: &'a mut Tracks,
     /// The states so far, where states are listed; `None` where they are ranked.
     listed: Option<Listed>,
     cells: Vec<(u64, u64, Tally)>,
@@ -69,12 +78,13 @@ struct Block {
 }
 
 impl<'a> Sum<'a> {
-    fn new(schema: &'a Schema, records: &'a Records) -> Self {
+    fn new(schema: &'a Schema, records: &'a Records, tracks: &'a mut Tracks) -> Self {
         let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
         Self {
             schema,
             widths: Widths::of_schema(schema),
             records,
+            tracks,
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
             outcomes: vec![Vec::with_capacity(records.len); records.observed(schema)],
@@ -99,6 +109,9 @@ impl<'a> Sum<'a> {
         let (Some(joint), Some(sum)) = (block.joints.get(lane), self.sum_with(n)) else {
             return Err(self.rejection(index, n));
         };
+        if self.is_no_step(index, n) {
+            return Err(self.rejection(index, n));
+        }
         let misfits = |at| block.outcomes.get(lane, at) == SlotNumber::Misfit;
         if (0..self.outcomes.len()).any(misfits) {
             return Err(self.rejection(index, n));
@@ -108,8 +121,7 @@ impl<'a> Sum<'a> {
             return Err(self.rejection(index, n));
         };
 
-        let entry = self.records.entries.get(index).copied();
-        let entries = match entry.unwrap_or_default() {
+        let entries = match self.entry(block, index, state, joint) {
             Entry::Unknown => None,
             Entry::Stayed => Some(0),
             Entry::Entered => Some(n),
@@ -138,6 +150,52 @@ impl<'a> Sum<'a> {
         }
     }
 
+    /// Returns whether a record is an entry: what its sender says, or what its track does.
+    fn entry(&mut self, block: &Block, index: usize, state: u64, joint: u64) -> Entry {
+        let sent = self.sent(index);
+        let Some(track) = self.track(index) else {
+            return sent;
+        };
+
+        // A position among those listed means something else in the next batch.
+        let state = self.listed.as_ref().map_or(state, Listed::hash);
+        let step = Step {
+            track,
+            state,
+            joint,
+            sent,
+        };
+
+        let outcomes = self.schema.outcomes();
+        let is_observed_later = |agent| {
+            (0..self.outcomes.len()).any(|at| {
+                let is_its = outcomes[at].agent == Some(agent);
+                is_its && block.outcomes.get(index - block.first, at) != SlotNumber::Missing
+            })
+        };
+        self.tracks.entry(self.schema, &step, is_observed_later)
+    }
+
+    /// Tells a record's track that it is not counted.
+    fn pass_over(&mut self, index: usize) {
+        if let Some(track) = self.track(index) {
+            self.tracks.gap(track);
+        }
+    }
+
+    fn sent(&self, index: usize) -> Entry {
+        self.records.entries.get(index).copied().unwrap_or_default()
+    }
+
+    fn track(&self, index: usize) -> Option<u64> {
+        self.records.tracks.get(index).copied().flatten()
+    }
+
+    /// Returns whether a record that was observed so often is to be judged as one step of its track.
+    fn is_no_step(&self, index: usize, n: u64) -> bool {
+        n != 1 && self.track(index).is_some() && self.sent(index) == Entry::Unknown
+    }
+
     /// Returns the transitions with `n` more, if `n` is a count and the sum still is one.
     fn sum_with(&self, n: u64) -> Option<u64> {
         self.transitions
@@ -157,6 +215,10 @@ impl<'a> Sum<'a> {
             let reason = format!(
                 "got {n}, expected 1 to 2^63 - 1, together with the counts of the batch before it"
             );
+            faults.push(("/count".into(), reason));
+        } else if self.is_no_step(index, n) {
+            let reason =
+                format!("got {n}, expected 1: it has a track and no entry flag, so it is one step");
             faults.push(("/count".into(), reason));
         }
 
@@ -286,6 +348,14 @@ impl Listed {
         Some(next)
     }
 
+    /// Returns what tells the state of the record at hand from others in any batch, but for one pair
+    /// in 2^64.
+    fn hash(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.bins.hash(&mut hasher);
+        hasher.finish()
+    }
+
     fn into_states(self) -> States {
         let mut states: Vec<(StateKey, u64)> = self.positions.into_iter().collect();
         states.sort_unstable_by_key(|(_, position)| *position);
@@ -361,6 +431,7 @@ mod tests {
             &schema,
             None,
             &Records::collect(Widths::of_schema(&schema), records.into_iter()),
+            &mut Tracks::default(),
         )
     }
 
@@ -435,7 +506,7 @@ mod tests {
         let schema = wide();
         let widths = Widths::of_schema(&schema);
         let records = Records::collect(widths, records.into_iter());
-        let (increment, receipt) = validate(&schema, None, &records);
+        let (increment, receipt) = validate(&schema, None, &records, &mut Tracks::default());
 
         let listed = increment.states.listed().iter().map(ToString::to_string);
         assert_eq!(
@@ -467,7 +538,7 @@ mod tests {
             };
             let records: Vec<_> = (0..300).map(one).collect();
             let records = Records::collect(Widths::of_schema(schema), records.into_iter());
-            validate(schema, None, &records)
+            validate(schema, None, &records, &mut Tracks::default())
         };
         let (ranked, listed) = (of(&schema(), &[]), of(&wide(), &[0.0; 3]));
 
