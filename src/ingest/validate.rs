@@ -366,8 +366,8 @@ impl Listed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::Record;
     use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft};
+    use crate::domain::{Record, Undecodable};
 
     fn schema() -> Schema {
         schema_with(&[])
@@ -417,7 +417,7 @@ mod tests {
         actions: &[f32],
         entry: Entry,
         count: u64,
-    ) -> Result<Record, (String, String)> {
+    ) -> Result<Record, Undecodable> {
         Ok(Record {
             entry,
             count,
@@ -425,7 +425,7 @@ mod tests {
         })
     }
 
-    fn run(records: Vec<Result<Record, (String, String)>>) -> (Increment, Receipt) {
+    fn run(records: Vec<Result<Record, Undecodable>>) -> (Increment, Receipt) {
         let schema = schema();
         validate(
             &schema,
@@ -467,7 +467,7 @@ mod tests {
         let (increment, receipt) = run(vec![
             record(&[f32::NAN, 1.5], &[0.0, 3.0], Entry::Unknown, 0),
             record(&[0.0, 0.0], &[0.0, 0.0], Entry::Unknown, 1),
-            Err(("/state/y".into(), "unknown feature".into())),
+            Err(("/state/y".to_owned(), "unknown feature".to_owned()).into()),
             record(&[0.0], &[0.0, 0.0], Entry::Unknown, 1),
         ]);
         assert_eq!(
@@ -552,6 +552,103 @@ mod tests {
             .iter()
             .map(|(at, joint, tally)| (ranks[*at as usize], *joint, *tally));
         assert_eq!(ranked.0.cells, named.collect::<Vec<_>>());
+    }
+
+    /// A step of track 7, whose sender does not say whether it is an entry.
+    fn step(state: Vec<f32>, actions: [f32; 2]) -> Result<Record, Undecodable> {
+        Ok(Record {
+            track: Some(7),
+            ..Record::new(state, actions.into())
+        })
+    }
+
+    /// Validates steps that are cut into batches; returns the entries of each that is counted.
+    fn entries(schema: &Schema, batches: Vec<Vec<Result<Record, Undecodable>>>) -> Vec<u64> {
+        let mut tracks = Tracks::default();
+        let mut validated = |records: Vec<_>| {
+            let records = Records::collect(Widths::of_schema(schema), records.into_iter());
+            let (increment, _) = validate(schema, None, &records, &mut tracks);
+            let told = |cell: &(u64, u64, Tally)| cell.2.entries.expect("the service says it");
+            increment.cells.iter().map(told).collect::<Vec<_>>()
+        };
+        batches.into_iter().flat_map(&mut validated).collect()
+    }
+
+    #[test]
+    fn tracks_go_on_from_batch_to_batch_and_know_states_with_and_without_ranks() {
+        for (schema, more) in [(schema(), vec![]), (wide(), vec![0.0, 9.0, 65_535.0])] {
+            let at = |x: f32, actions| step([&[x, 1.0], &more[..]].concat(), actions);
+            let steps = vec![
+                at(0.7, [0.0, 0.0]),
+                at(0.6, [1.0, 1.0]),
+                at(0.0, [1.0, 1.0]),
+                at(0.7, [1.0, 1.0]),
+                at(0.0, [1.0, 1.0]),
+                at(0.7, [0.0, 1.0]),
+                at(2.0, [0.0, 2.0]),
+                at(0.0, [0.0, 2.0]),
+            ];
+            let expected = [1, 0, 1, 1, 0, 0, 1, 1];
+            assert_eq!(entries(&schema, vec![steps.clone()]), expected);
+            let cut = steps.into_iter().map(|step| vec![step]).collect();
+            assert_eq!(entries(&schema, cut), expected);
+        }
+    }
+
+    #[test]
+    fn a_step_that_is_rejected_is_a_gap_in_its_track_however_it_is_rejected() {
+        let good = |actions| step(vec![0.7, 1.0], actions);
+        let undecodable = |track| {
+            let fault = ("/state/x".to_owned(), "unknown feature".to_owned());
+            Err(Undecodable::from(fault).of_track(track))
+        };
+        let misfit = step(vec![f32::NAN, 1.0], [1.0, 1.0]);
+        let narrow = step(vec![], [1.0, 1.0]);
+        let many = step(vec![0.7, 1.0], [1.0, 1.0]).map(|one| Record { count: 2, ..one });
+        let other = misfit.clone().map(|one| Record {
+            track: Some(8),
+            ..one
+        });
+        for (bad, expected) in [
+            (misfit, 1),
+            (narrow, 1),
+            (many, 1),
+            (undecodable(Some(7)), 1),
+            (other, 0),
+            (undecodable(None), 0),
+        ] {
+            // Both have changed their action, so that where it is entered it counts.
+            let steps = vec![good([0.0, 0.0]), bad, good([1.0, 1.0])];
+            assert_eq!(entries(&schema(), vec![steps]), [1, expected]);
+        }
+    }
+
+    #[test]
+    fn a_step_without_a_flag_is_one_step() {
+        let of = |track, entry, count| {
+            Ok(Record {
+                track,
+                entry,
+                count,
+                ..Record::new(vec![0.7, 1.0], vec![0.0, 0.0])
+            })
+        };
+        let (increment, receipt) = run(vec![
+            of(Some(7), Entry::Unknown, 3),
+            of(Some(7), Entry::Unknown, 0),
+            of(None, Entry::Unknown, 3),
+            of(Some(7), Entry::Entered, 3),
+            of(Some(7), Entry::Unknown, 1),
+        ]);
+        let told: Vec<(u32, &str)> = receipt
+            .rejected
+            .iter()
+            .map(|one| (one.index, one.field.as_str()))
+            .collect();
+        assert_eq!(told, [(0, "/count"), (1, "/count")]);
+        assert!(receipt.rejected[0].reason.starts_with("got 3, expected 1:"));
+        let entries: Vec<Option<u64>> = increment.cells.iter().map(|cell| cell.2.entries).collect();
+        assert_eq!(entries, [None, Some(3), Some(0)]);
     }
 
     #[test]

@@ -92,6 +92,34 @@ pub struct Record {
     pub track: Option<u64>,
 }
 
+/// A record that could not be decoded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Undecodable {
+    /// The field at fault as a JSON pointer into the record.
+    pub field: String,
+    /// The value that was found and what was expected.
+    pub reason: String,
+    /// The track that it is a step of, as far as that could be decoded.
+    pub track: Option<u64>,
+}
+
+impl Undecodable {
+    /// Returns the same as a step of a track.
+    pub fn of_track(self, track: Option<u64>) -> Self {
+        Self { track, ..self }
+    }
+}
+
+impl From<(String, String)> for Undecodable {
+    fn from((field, reason): (String, String)) -> Self {
+        Self {
+            field,
+            reason,
+            track: None,
+        }
+    }
+}
+
 impl Record {
     /// Makes a record of what all agents did, observed once; nothing is said of its entry, and no
     /// outcome was observed.
@@ -123,13 +151,13 @@ impl Records {
     /// Collects records of these widths; a record that could not be decoded keeps its place.
     pub fn collect(
         widths: Widths,
-        records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>,
+        records: impl ExactSizeIterator<Item = Result<Record, Undecodable>>,
     ) -> Self {
         let mut all = Collecting::new(widths.clone(), records.len());
         for record in records {
             match record.and_then(|record| widths.check(record)) {
                 Ok(record) => all.push(&record),
-                Err((field, reason)) => all.push_undecodable(field, reason),
+                Err(undecodable) => all.push_undecodable(undecodable),
             }
         }
         all.finish()
@@ -323,14 +351,19 @@ impl Collecting {
     }
 
     /// Keeps the place of a record that could not be decoded.
-    pub fn push_undecodable(&mut self, field: String, reason: String) {
+    fn push_undecodable(&mut self, undecodable: Undecodable) {
+        let Undecodable {
+            field,
+            reason,
+            track,
+        } = undecodable;
         self.undecodable.push(Rejection {
             index: self.len() as u32,
             field,
             reason,
         });
         let blank = Record::new(vec![0.0; self.widths.state], vec![0.0; self.widths.actions]);
-        self.push(&blank);
+        self.push(&Record { track, ..blank });
     }
 
     /// Returns the records, in the one form that equal content has.
@@ -440,8 +473,14 @@ impl Widths {
         self.outcomes.iter().sum()
     }
 
-    /// Returns a record that has these widths, or the place of its first fault and what it is.
-    pub fn check(&self, record: Record) -> Result<Record, (String, String)> {
+    /// Returns a record that has these widths, or its first fault.
+    pub fn check(&self, record: Record) -> Result<Record, Undecodable> {
+        let fits = self.fits(&record);
+        fits.map_err(|fault| Undecodable::from(fault).of_track(record.track))?;
+        Ok(record)
+    }
+
+    fn fits(&self, record: &Record) -> Result<(), (String, String)> {
         let (agents, outcomes) = (self.agents.len(), self.outcomes.len());
         for (field, got, expected) in [
             ("/state", record.state.len(), self.state),
@@ -474,7 +513,7 @@ impl Widths {
                 wide(field, what, got, expected)?;
             }
         }
-        Ok(record)
+        Ok(())
     }
 }
 
@@ -491,7 +530,7 @@ mod tests {
     use super::*;
 
     fn batch(reason: &str, value: f32) -> Records {
-        let bad = Err(("/state/x".to_owned(), reason.to_owned()));
+        let bad = Err(("/state/x".to_owned(), reason.to_owned()).into());
         let good = Ok(Record::new(vec![value], vec![0.0, 1.0]));
         Records::collect(
             Widths {
@@ -643,6 +682,15 @@ mod tests {
 
         let late = by_tracks(&[None, None, Some(0)]);
         assert_eq!(late.tracks, [None, None, Some(0)]);
+        let narrow = Record {
+            track: Some(0),
+            ..Record::new(Vec::new(), Vec::new())
+        };
+        let narrow = Records::collect(three_slots(), [Ok(narrow)].into_iter());
+        assert_eq!(
+            (narrow.undecodable.len(), narrow.tracks),
+            (1, vec![Some(0)])
+        );
         let early = by_tracks(&[Some(0), None, None]);
         assert_eq!(early.tracks, [Some(0), None, None]);
 
@@ -686,7 +734,7 @@ mod tests {
     #[test]
     fn a_record_of_other_widths_is_told() {
         let good = Record::new(vec![0.5], vec![1.0; 3]);
-        let told = |record| three_slots().check(record).map_err(|(field, _)| field);
+        let told = |record| three_slots().check(record).map_err(|bad| bad.field);
         let wrong = |field: &str| Err(field.to_owned());
         let record = |change: fn(&mut Record)| {
             let mut record = good.clone();

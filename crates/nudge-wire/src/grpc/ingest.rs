@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use nudge_core::domain::{
     Acknowledged, Batch, Entry, Label, Presence, ProducerId, Record, Records, Rejection, Schema,
-    Sequence, Values, Widths,
+    Sequence, Undecodable, Values, Widths,
 };
 use nudge_core::error::{ErrorKind, Fault, Problem};
 
@@ -20,7 +20,11 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
         None => Records::default(),
         Some(Transitions::Rows(rows)) => {
             within_limit(rows.transitions.len())?;
-            let decode = |transition| record(&widths, transition);
+            let decode = |transition: proto::Transition| {
+                let track = transition.track;
+                record(&widths, transition)
+                    .map_err(|fault| Undecodable::from(fault).of_track(track))
+            };
             Records::collect(widths.clone(), rows.transitions.into_iter().map(decode))
         }
         Some(Transitions::Columns(columns)) => {

@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use nudge_core::domain::draft::ActionDraft;
-use nudge_core::domain::{Entry, Record, Schema, SlotValues};
+use nudge_core::domain::{Entry, Record, Schema, SlotValues, Undecodable};
 use nudge_core::error::{Fault, pointer};
 
 use super::decode::not_finite;
@@ -12,11 +12,15 @@ use super::loose::{Loose, named_values};
 
 /// Decodes one transition, or returns the place of its first fault and what is wrong with it,
 /// briefly, because receipts are kept.
-pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, String)> {
-    decoded(schema, text).map_err(joined)
+pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, Undecodable> {
+    let fields = fields(text).map_err(joined)?;
+    let track = track_of(fields.track.as_ref());
+    let told = track.clone().ok().flatten();
+    decoded(schema, fields, track)
+        .map_err(|faults| Undecodable::from(joined(faults)).of_track(told))
 }
 
-fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
+fn fields(text: &[u8]) -> Result<Fields, Vec<Fault>> {
     let value = Loose::parse(text).map_err(|error| vec![not_json(text, &error)])?;
     let Loose::Object(members) = value else {
         return Err(vec![Fault::new(
@@ -29,14 +33,22 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     members
         .into_iter()
         .for_each(|(name, value)| fields.take(name, value));
+    Ok(fields)
+}
+
+fn decoded(
+    schema: &Schema,
+    fields: Fields,
+    track: Result<Option<u64>, Vec<Fault>>,
+) -> Result<Record, Vec<Fault>> {
     let Fields {
         state,
         actions,
         outcomes,
         entry,
         count,
-        track,
         mut faults,
+        ..
     } = fields;
     let state = keep(
         object("/state", state).and_then(|members| state_values(schema, members)),
@@ -51,7 +63,7 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     let outcomes = keep(outcome_values(schema, outcomes), &mut faults);
     let entry = keep(entry_of(entry), &mut faults);
     let count = keep(count_of(count), &mut faults);
-    let track = keep(track_of(track), &mut faults);
+    let track = keep(track, &mut faults);
 
     match (state, actions, outcomes, entry, count, track) {
         (Some(state), Some(actions), Some(outcomes), Some(entry), Some(count), Some(track))
@@ -188,24 +200,24 @@ fn entry_of(value: Option<Loose>) -> Result<Entry, Vec<Fault>> {
 }
 
 fn count_of(value: Option<Loose>) -> Result<u64, Vec<Fault>> {
-    Ok(whole_of("/count", value, 1)?.unwrap_or(1))
+    Ok(whole_of("/count", value.as_ref(), 1)?.unwrap_or(1))
 }
 
-fn track_of(value: Option<Loose>) -> Result<Option<u64>, Vec<Fault>> {
+fn track_of(value: Option<&Loose>) -> Result<Option<u64>, Vec<Fault>> {
     whole_of("/track", value, 0)
 }
 
-fn whole_of(at: &str, value: Option<Loose>, least: u64) -> Result<Option<u64>, Vec<Fault>> {
+fn whole_of(at: &str, value: Option<&Loose>, least: u64) -> Result<Option<u64>, Vec<Fault>> {
     /// Above it, f64 does not tell neighbouring whole numbers apart.
     const LARGEST_EXACT: f64 = 9_007_199_254_740_992.0;
     match value {
         None | Some(Loose::Null) => Ok(None),
-        Some(Loose::Whole(number)) if number >= least => Ok(Some(number)),
+        Some(Loose::Whole(number)) if *number >= least => Ok(Some(*number)),
         // JSON knows no integers: some writers say 2.0.
         Some(Loose::Number(number))
-            if number.fract() == 0.0 && (least as f64..=LARGEST_EXACT).contains(&number) =>
+            if number.fract() == 0.0 && (least as f64..=LARGEST_EXACT).contains(number) =>
         {
-            Ok(Some(number as u64))
+            Ok(Some(*number as u64))
         }
         Some(other) => Err(vec![Fault::new(
             at,
