@@ -101,7 +101,7 @@ fn played(schema: &Schema) -> Vec<Record> {
         for ((game, track), now) in GAMES.iter().zip(&mut tracks).zip(&mut now) {
             move_on(now, &mut random);
             let [mut distance, held, robot, human] = *now;
-            if random.random_bool(0.03) {
+            if random.random_bool(0.1) {
                 distance = f32::NAN;
             }
             let step = Step::new(vec![distance, held], vec![robot, human]);
@@ -117,12 +117,12 @@ fn played(schema: &Schema) -> Vec<Record> {
 
 /// Moves a game one step on: distance and held, and what robot and human do.
 fn move_on([distance, held, robot, human]: &mut [f32; 4], random: &mut StdRng) {
-    if random.random_bool(0.5) {
+    if random.random_bool(0.4) {
         *distance = [0.1, 0.6, 0.8, 2.0][random.random_range(0..4)];
         *held = random.random_range(0..2) as f32;
     }
     for (action, of) in [(robot, 2), (human, 3)] {
-        if random.random_bool(0.2) {
+        if random.random_bool(0.3) {
             *action = random.random_range(0..of) as f32;
         }
     }
