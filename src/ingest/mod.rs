@@ -20,6 +20,7 @@ mod committer;
 mod figures;
 mod room;
 mod streams;
+mod tracks;
 mod validate;
 
 use committer::{Command, Pending, Resume, foreign};
@@ -27,6 +28,7 @@ use figures::BatchTotals;
 pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
+pub use tracks::Tracks;
 pub use validate::validate;
 
 use crate::domain::{
@@ -115,7 +117,9 @@ impl Ingest {
             .for_call(size_of(environment, &batch))
             .await
             .inspect_err(refused)?;
-        self.enqueue(environment, producer, batch, None, room)
+        // A single call knows no tracks but its own.
+        let tracks = &mut Tracks::default();
+        self.enqueue(environment, producer, batch, tracks, None, room)
             .await?
             .acknowledged()
             .await
@@ -144,6 +148,8 @@ impl Ingest {
             producer,
             registration,
             committed,
+            tracks: Tracks::default(),
+            latest: Sequence::NONE,
         })
     }
 
@@ -213,6 +219,7 @@ impl Ingest {
         environment: &Environment,
         producer: ProducerId,
         batch: Batch,
+        tracks: &mut Tracks,
         lease: Option<Arc<Lease>>,
         room: OwnedSemaphorePermit,
     ) -> Result<Ticket, Problem> {
@@ -225,14 +232,16 @@ impl Ingest {
             .map(|values| values.le_bytes().len())
             .into_iter()
             .sum();
-        let numbered = aside(bytes, move || {
+        let mut followed = std::mem::take(tracks);
+        let validated = aside(bytes, move || {
             let segment = batch.segment.as_ref();
             let (digest, worded) = (
                 batch.records.digest(segment),
                 batch.records.worded(segment).map(Box::new),
             );
-            let (increment, receipt) = validate(&schema, batch.segment, &batch.records);
-            Numbered {
+            let (increment, receipt) =
+                validate(&schema, batch.segment, &batch.records, &mut followed);
+            let numbered = Numbered {
                 environment,
                 producer,
                 owner,
@@ -241,10 +250,12 @@ impl Ingest {
                 worded,
                 increment,
                 receipt,
-            }
+            };
+            (numbered, followed)
         });
 
-        let batch = numbered.await.inspect_err(refused)?;
+        let batch;
+        (batch, *tracks) = validated.await.inspect_err(refused)?;
         let (reply, answer) = oneshot::channel();
 
         let pending = Pending {
@@ -269,6 +280,10 @@ pub struct Session {
     producer: ProducerId,
     registration: Registration,
     committed: Sequence,
+    /// What came before in the tracks of this stream.
+    tracks: Tracks,
+    /// The greatest number so far.
+    latest: Sequence,
 }
 
 impl Session {
@@ -282,8 +297,9 @@ impl Session {
         &self.environment
     }
 
-    /// Queues a batch, waiting for room; the ticket is answered after its commit.
-    pub async fn submit(&self, batch: Batch) -> Result<Ticket, Problem> {
+    /// Queues a batch, waiting for room; the ticket is answered after its commit. Batches are
+    /// validated one after the other, as they were sent. Whoever gives up waiting ends the stream.
+    pub async fn submit(&mut self, batch: Batch) -> Result<Ticket, Problem> {
         self.registration.lease().check().inspect_err(refused)?;
         let room = self
             .ingest
@@ -292,8 +308,18 @@ impl Session {
             .await
             .inspect_err(refused)?;
         let lease = Some(self.registration.lease().clone());
+        let producer = self.producer.clone();
+
+        // What is sent again lies behind where the tracks are: it is judged on its own.
+        let mut behind = Tracks::default();
+        let tracks = match batch.sequence > self.latest {
+            true => &mut self.tracks,
+            false => &mut behind,
+        };
+        self.latest = self.latest.max(batch.sequence);
+
         self.ingest
-            .enqueue(&self.environment, self.producer.clone(), batch, lease, room)
+            .enqueue(&self.environment, producer, batch, tracks, lease, room)
             .await
     }
 

@@ -1,24 +1,29 @@
 //! Validation and discretisation, from decoded records to what they add: every value gets its bin,
 //! and every record that has none is rejected.
 //!
-//! A pure function of the schema, so a batch that is sent again gets the same receipt.
+//! Which records are rejected goes by the schema alone, so a batch that is sent again gets the same
+//! receipt. Only entries that the sender leaves to the service go by what came before.
 
 use std::collections::HashMap;
+use std::hash::{DefaultHasher, Hash, Hasher};
 
 use foldhash::fast::RandomState;
 
+use super::tracks::{Step, Tracks};
 use crate::domain::{
     Agent, Entry, Feature, Increment, Label, Numbers, Outcome, Receipt, Records, Rejection, Schema,
     SlotNumber, SlotNumbers, StateKey, States, Tally, Values, Widths,
 };
 
-/// Validates records; returns the increment that they are under a segment, and the receipt.
+/// Validates records; returns the increment that they are under a segment, and the receipt. Their
+/// tracks are those of what was validated before, and go on with these records.
 pub fn validate(
     schema: &Schema,
     segment: Option<Label>,
     records: &Records,
+    tracks: &mut Tracks,
 ) -> (Increment, Receipt) {
-    let mut sum = Sum::new(schema, records);
+    let mut sum = Sum::new(schema, records, tracks);
     let mut receipt = Receipt::default();
     let mut undecodable = records.undecodable.iter().peekable();
     for first in (0..records.len).step_by(Numbers::LANES) {
@@ -29,7 +34,10 @@ pub fn validate(
                 .cloned();
             match known.map_or_else(|| sum.add(&block, index), Err) {
                 Ok(()) => receipt.accepted += 1,
-                Err(rejection) => reject(&mut receipt, rejection),
+                Err(rejection) => {
+                    sum.pass_over(index);
+                    reject(&mut receipt, rejection);
+                }
             }
         }
     }
@@ -51,6 +59,7 @@ struct Sum<'a> {
     schema: &'a Schema,
     widths: Widths,
     records: &'a Records,
+    tracks: &'a mut Tracks,
     /// The states so far, where states are listed; `None` where they are ranked.
     listed: Option<Listed>,
     cells: Vec<(u64, u64, Tally)>,
@@ -69,12 +78,13 @@ struct Block {
 }
 
 impl<'a> Sum<'a> {
-    fn new(schema: &'a Schema, records: &'a Records) -> Self {
+    fn new(schema: &'a Schema, records: &'a Records, tracks: &'a mut Tracks) -> Self {
         let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
         Self {
             schema,
             widths: Widths::of_schema(schema),
             records,
+            tracks,
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
             outcomes: vec![Vec::with_capacity(records.len); records.observed(schema)],
@@ -99,6 +109,9 @@ impl<'a> Sum<'a> {
         let (Some(joint), Some(sum)) = (block.joints.get(lane), self.sum_with(n)) else {
             return Err(self.rejection(index, n));
         };
+        if self.is_no_step(index, n) {
+            return Err(self.rejection(index, n));
+        }
         let misfits = |at| block.outcomes.get(lane, at) == SlotNumber::Misfit;
         if (0..self.outcomes.len()).any(misfits) {
             return Err(self.rejection(index, n));
@@ -108,8 +121,7 @@ impl<'a> Sum<'a> {
             return Err(self.rejection(index, n));
         };
 
-        let entry = self.records.entries.get(index).copied();
-        let entries = match entry.unwrap_or_default() {
+        let entries = match self.entry(block, index, state, joint) {
             Entry::Unknown => None,
             Entry::Stayed => Some(0),
             Entry::Entered => Some(n),
@@ -138,6 +150,52 @@ impl<'a> Sum<'a> {
         }
     }
 
+    /// Returns whether a record is an entry: what its sender says, or what its track does.
+    fn entry(&mut self, block: &Block, index: usize, state: u64, joint: u64) -> Entry {
+        let sent = self.sent(index);
+        let Some(track) = self.track(index) else {
+            return sent;
+        };
+
+        // A position among those listed means something else in the next batch.
+        let state = self.listed.as_ref().map_or(state, Listed::hash);
+        let step = Step {
+            track,
+            state,
+            joint,
+            sent,
+        };
+
+        let outcomes = self.schema.outcomes();
+        let is_observed_later = |agent| {
+            (0..self.outcomes.len()).any(|at| {
+                let is_its = outcomes[at].agent == Some(agent);
+                is_its && block.outcomes.get(index - block.first, at) != SlotNumber::Missing
+            })
+        };
+        self.tracks.entry(self.schema, &step, is_observed_later)
+    }
+
+    /// Tells a record's track that it is not counted.
+    fn pass_over(&mut self, index: usize) {
+        if let Some(track) = self.track(index) {
+            self.tracks.gap(track);
+        }
+    }
+
+    fn sent(&self, index: usize) -> Entry {
+        self.records.entries.get(index).copied().unwrap_or_default()
+    }
+
+    fn track(&self, index: usize) -> Option<u64> {
+        self.records.tracks.get(index).copied().flatten()
+    }
+
+    /// Returns whether a record that was observed so often is to be judged as one step of its track.
+    fn is_no_step(&self, index: usize, n: u64) -> bool {
+        n != 1 && self.track(index).is_some() && self.sent(index) == Entry::Unknown
+    }
+
     /// Returns the transitions with `n` more, if `n` is a count and the sum still is one.
     fn sum_with(&self, n: u64) -> Option<u64> {
         self.transitions
@@ -157,6 +215,10 @@ impl<'a> Sum<'a> {
             let reason = format!(
                 "got {n}, expected 1 to 2^63 - 1, together with the counts of the batch before it"
             );
+            faults.push(("/count".into(), reason));
+        } else if self.is_no_step(index, n) {
+            let reason =
+                format!("got {n}, expected 1: it has a track and no entry flag, so it is one step");
             faults.push(("/count".into(), reason));
         }
 
@@ -286,6 +348,14 @@ impl Listed {
         Some(next)
     }
 
+    /// Returns what tells the state of the record at hand from others in any batch, but for one pair
+    /// in 2^64.
+    fn hash(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.bins.hash(&mut hasher);
+        hasher.finish()
+    }
+
     fn into_states(self) -> States {
         let mut states: Vec<(StateKey, u64)> = self.positions.into_iter().collect();
         states.sort_unstable_by_key(|(_, position)| *position);
@@ -296,8 +366,8 @@ impl Listed {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::domain::Record;
     use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, SchemaDraft};
+    use crate::domain::{Record, Undecodable};
 
     fn schema() -> Schema {
         schema_with(&[])
@@ -347,7 +417,7 @@ mod tests {
         actions: &[f32],
         entry: Entry,
         count: u64,
-    ) -> Result<Record, (String, String)> {
+    ) -> Result<Record, Undecodable> {
         Ok(Record {
             entry,
             count,
@@ -355,12 +425,13 @@ mod tests {
         })
     }
 
-    fn run(records: Vec<Result<Record, (String, String)>>) -> (Increment, Receipt) {
+    fn run(records: Vec<Result<Record, Undecodable>>) -> (Increment, Receipt) {
         let schema = schema();
         validate(
             &schema,
             None,
             &Records::collect(Widths::of_schema(&schema), records.into_iter()),
+            &mut Tracks::default(),
         )
     }
 
@@ -396,7 +467,7 @@ mod tests {
         let (increment, receipt) = run(vec![
             record(&[f32::NAN, 1.5], &[0.0, 3.0], Entry::Unknown, 0),
             record(&[0.0, 0.0], &[0.0, 0.0], Entry::Unknown, 1),
-            Err(("/state/y".into(), "unknown feature".into())),
+            Err(("/state/y".to_owned(), "unknown feature".to_owned()).into()),
             record(&[0.0], &[0.0, 0.0], Entry::Unknown, 1),
         ]);
         assert_eq!(
@@ -435,7 +506,7 @@ mod tests {
         let schema = wide();
         let widths = Widths::of_schema(&schema);
         let records = Records::collect(widths, records.into_iter());
-        let (increment, receipt) = validate(&schema, None, &records);
+        let (increment, receipt) = validate(&schema, None, &records, &mut Tracks::default());
 
         let listed = increment.states.listed().iter().map(ToString::to_string);
         assert_eq!(
@@ -467,7 +538,7 @@ mod tests {
             };
             let records: Vec<_> = (0..300).map(one).collect();
             let records = Records::collect(Widths::of_schema(schema), records.into_iter());
-            validate(schema, None, &records)
+            validate(schema, None, &records, &mut Tracks::default())
         };
         let (ranked, listed) = (of(&schema(), &[]), of(&wide(), &[0.0; 3]));
 
@@ -481,6 +552,103 @@ mod tests {
             .iter()
             .map(|(at, joint, tally)| (ranks[*at as usize], *joint, *tally));
         assert_eq!(ranked.0.cells, named.collect::<Vec<_>>());
+    }
+
+    /// A step of track 7, whose sender does not say whether it is an entry.
+    fn step(state: Vec<f32>, actions: [f32; 2]) -> Result<Record, Undecodable> {
+        Ok(Record {
+            track: Some(7),
+            ..Record::new(state, actions.into())
+        })
+    }
+
+    /// Validates steps that are cut into batches; returns the entries of each that is counted.
+    fn entries(schema: &Schema, batches: Vec<Vec<Result<Record, Undecodable>>>) -> Vec<u64> {
+        let mut tracks = Tracks::default();
+        let mut validated = |records: Vec<_>| {
+            let records = Records::collect(Widths::of_schema(schema), records.into_iter());
+            let (increment, _) = validate(schema, None, &records, &mut tracks);
+            let told = |cell: &(u64, u64, Tally)| cell.2.entries.expect("the service says it");
+            increment.cells.iter().map(told).collect::<Vec<_>>()
+        };
+        batches.into_iter().flat_map(&mut validated).collect()
+    }
+
+    #[test]
+    fn tracks_go_on_from_batch_to_batch_and_know_states_with_and_without_ranks() {
+        for (schema, more) in [(schema(), vec![]), (wide(), vec![0.0, 9.0, 65_535.0])] {
+            let at = |x: f32, actions| step([&[x, 1.0], &more[..]].concat(), actions);
+            let steps = vec![
+                at(0.7, [0.0, 0.0]),
+                at(0.6, [1.0, 1.0]),
+                at(0.0, [1.0, 1.0]),
+                at(0.7, [1.0, 1.0]),
+                at(0.0, [1.0, 1.0]),
+                at(0.7, [0.0, 1.0]),
+                at(2.0, [0.0, 2.0]),
+                at(0.0, [0.0, 2.0]),
+            ];
+            let expected = [1, 0, 1, 1, 0, 0, 1, 1];
+            assert_eq!(entries(&schema, vec![steps.clone()]), expected);
+            let cut = steps.into_iter().map(|step| vec![step]).collect();
+            assert_eq!(entries(&schema, cut), expected);
+        }
+    }
+
+    #[test]
+    fn a_step_that_is_rejected_is_a_gap_in_its_track_however_it_is_rejected() {
+        let good = |actions| step(vec![0.7, 1.0], actions);
+        let undecodable = |track| {
+            let fault = ("/state/x".to_owned(), "unknown feature".to_owned());
+            Err(Undecodable::from(fault).of_track(track))
+        };
+        let misfit = step(vec![f32::NAN, 1.0], [1.0, 1.0]);
+        let narrow = step(vec![], [1.0, 1.0]);
+        let many = step(vec![0.7, 1.0], [1.0, 1.0]).map(|one| Record { count: 2, ..one });
+        let other = misfit.clone().map(|one| Record {
+            track: Some(8),
+            ..one
+        });
+        for (bad, expected) in [
+            (misfit, 1),
+            (narrow, 1),
+            (many, 1),
+            (undecodable(Some(7)), 1),
+            (other, 0),
+            (undecodable(None), 0),
+        ] {
+            // Both have changed their action, so that where it is entered it counts.
+            let steps = vec![good([0.0, 0.0]), bad, good([1.0, 1.0])];
+            assert_eq!(entries(&schema(), vec![steps]), [1, expected]);
+        }
+    }
+
+    #[test]
+    fn a_step_without_a_flag_is_one_step() {
+        let of = |track, entry, count| {
+            Ok(Record {
+                track,
+                entry,
+                count,
+                ..Record::new(vec![0.7, 1.0], vec![0.0, 0.0])
+            })
+        };
+        let (increment, receipt) = run(vec![
+            of(Some(7), Entry::Unknown, 3),
+            of(Some(7), Entry::Unknown, 0),
+            of(None, Entry::Unknown, 3),
+            of(Some(7), Entry::Entered, 3),
+            of(Some(7), Entry::Unknown, 1),
+        ]);
+        let told: Vec<(u32, &str)> = receipt
+            .rejected
+            .iter()
+            .map(|one| (one.index, one.field.as_str()))
+            .collect();
+        assert_eq!(told, [(0, "/count"), (1, "/count")]);
+        assert!(receipt.rejected[0].reason.starts_with("got 3, expected 1:"));
+        let entries: Vec<Option<u64>> = increment.cells.iter().map(|cell| cell.2.entries).collect();
+        assert_eq!(entries, [None, Some(3), Some(0)]);
     }
 
     #[test]

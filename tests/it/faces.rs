@@ -630,7 +630,11 @@ async fn over(app: &TestApp, told: &str) {
 }
 
 /// Those of a batch, which are decoded apart.
-const WHOLE_OF_BATCHES: [&str; 2] = ["Transition.count", "Transitions.sequence"];
+const WHOLE_OF_BATCHES: [&str; 3] = [
+    "Transition.count",
+    "Transition.track",
+    "Transitions.sequence",
+];
 
 /// Returns the schemas that bodies of requests lead to.
 fn schemas_of_bodies(document: &Value) -> BTreeSet<String> {
@@ -753,13 +757,13 @@ async fn a_whole_number_is_one_however_it_is_written() {
         );
     }
 
-    let batch = |sequence: &str, count: &str| {
+    let batch = |sequence: &str, count: &str, track: &str| {
         format!(
-            r#"{{"producer": "p", "sequence": {sequence}, "transitions": [{{"state": {{"a": 0, "b": 1}}, "actions": {{"c": 0, "d": 1}}, "count": {count}}}]}}"#
+            r#"{{"producer": "p", "sequence": {sequence}, "transitions": [{{"state": {{"a": 0, "b": 1}}, "actions": {{"c": 0, "d": 1}}, "entry": true, "count": {count}, "track": {track}}}]}}"#
         )
     };
     let path = "/v1/environments/whole/transitions";
-    let (status, told) = ask("POST", path, batch("1.0", "2.0")).await;
+    let (status, told) = ask("POST", path, batch("1.0", "2.0", "7.0")).await;
     assert_eq!(
         (status, told.contains(r#""accepted":1"#)),
         (200, true),
@@ -769,16 +773,18 @@ async fn a_whole_number_is_one_however_it_is_written() {
         .rest("GET", "/v1/environments/whole/summary", None)
         .await;
     assert_eq!(summary["transitions"], 2);
-    let (status, told) = ask("POST", path, batch("2.5", "1")).await;
+    let (status, told) = ask("POST", path, batch("2.5", "1", "7")).await;
     assert!(
         status == 400
             && told.contains("/sequence")
             && told.contains("2.5`, expected a whole number"),
         "{told}"
     );
-    let (status, told) = ask("POST", path, batch("2", "1.5")).await;
-    assert!(
-        status == 200 && told.contains("/count") && told.contains("1.5, expected a whole number"),
-        "{told}"
-    );
+    for (at, count, track, field) in [("2", "1.5", "7", "/count"), ("3", "1", "1.5", "/track")] {
+        let (status, told) = ask("POST", path, batch(at, count, track)).await;
+        assert!(
+            status == 200 && told.contains(field) && told.contains("1.5, expected a whole number"),
+            "{told}"
+        );
+    }
 }

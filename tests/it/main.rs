@@ -51,6 +51,7 @@ mod store_contract;
 mod store_model;
 mod support;
 mod tls;
+mod tracks;
 mod uncertain_commit;
 mod unreadable;
 mod values;

@@ -29,6 +29,8 @@ pub(crate) struct Outbox {
     widths: Widths,
     segment: String,
     building: Collecting,
+    /// Whether the transitions of the batch that is being built have tracks.
+    has_tracks: bool,
     waiting: VecDeque<Waiting>,
     in_flight: usize,
     committed: u64,
@@ -50,6 +52,7 @@ impl Outbox {
             limits,
             segment: String::new(),
             building: Collecting::new(widths.clone(), 0),
+            has_tracks: false,
             widths,
             waiting: VecDeque::new(),
             in_flight: 0,
@@ -93,8 +96,13 @@ impl Outbox {
         }
     }
 
-    /// Takes a transition, and closes the batch when it is full.
+    /// Takes a transition, and closes the batch when it is full. One with a track and one without
+    /// are never of one batch, for the columns of a batch have a track for each or for none.
     pub(crate) fn push(&mut self, transition: Record) {
+        if transition.track.is_some() != self.has_tracks {
+            self.cut();
+            self.has_tracks = transition.track.is_some();
+        }
         self.building.push(&transition);
         if self.building.len() >= self.limits.batch_size {
             self.cut();
@@ -270,6 +278,7 @@ fn columns(records: Records) -> proto::Columns {
         outcomes_present,
         entries,
         counts,
+        tracks,
         ..
     } = records;
     let entries = entries.into_iter().map(|entry| entry as i32).collect();
@@ -282,6 +291,8 @@ fn columns(records: Records) -> proto::Columns {
         outcomes_present: outcomes_present.bits().clone(),
         entries,
         counts,
+        // All of a batch have one, or none has.
+        tracks: tracks.into_iter().flatten().collect(),
         ..proto::Columns::default()
     }
 }
@@ -373,6 +384,29 @@ mod tests {
             (2, 8, 16)
         );
         assert!(columns.counts.is_empty(), "once each is the default");
+    }
+
+    #[test]
+    fn a_batch_has_a_track_for_each_or_for_none() {
+        let mut outbox = outbox(3, false);
+        for track in [None, Some(0), Some(7), None, None, None, Some(1)] {
+            outbox.push(Record {
+                track,
+                ..Record::new(vec![0.0], vec![0.0, 1.0])
+            });
+        }
+        outbox.cut();
+        let batches = std::iter::from_fn(|| outbox.next_to_send(9));
+        let told: Vec<(u32, Vec<u64>)> = batches
+            .map(|batch| match batch.transitions {
+                Some(proto::batch::Transitions::Columns(columns)) => {
+                    (columns.count, columns.tracks)
+                }
+                other => panic!("columns, not {other:?}"),
+            })
+            .collect();
+        let expected = [(1, vec![]), (2, vec![0, 7]), (3, vec![]), (1, vec![1])];
+        assert_eq!(told, expected);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use nudge_core::domain::{Label, ProducerId, Record, Schema, Widths};
+use nudge_core::domain::{Label, ProducerId, Record, Schema, Undecodable, Widths};
 use nudge_core::tracks::{Step, Track};
 use nudge_wire::proto;
 use tokio::sync::{mpsc, oneshot};
@@ -245,7 +245,7 @@ impl Producer {
         same_width("state", transition.state.len(), self.widths.state)?;
         same_width("action", transition.actions.len(), self.widths.actions)?;
         let slots = self.widths.check(transition);
-        let transition = slots.map_err(|(field, reason)| {
+        let transition = slots.map_err(|Undecodable { field, reason, .. }| {
             let name = field.trim_start_matches('/');
             ClientError::Invalid(format!("{name}: {reason}"))
         })?;

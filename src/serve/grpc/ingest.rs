@@ -129,7 +129,10 @@ impl Face {
         };
 
         let ended = match welcomed {
-            Ok(session) => self.converse(&session, &mut inbound, &leaving, &out).await,
+            Ok(mut session) => {
+                self.converse(&mut session, &mut inbound, &leaving, &out)
+                    .await
+            }
             Err(end) => Err(end),
         };
         let told = match ended {
@@ -199,11 +202,12 @@ impl Face {
 
     async fn converse(
         &self,
-        session: &Session,
+        session: &mut Session,
         inbound: &mut Streaming<IngestRequest>,
         leaving: &Leaving,
         out: &Outbound,
     ) -> Result<(), End> {
+        let resumed = session.committed();
         // Rendezvous only: tickets wait in the acknowledging half, which bounds them by the window.
         let (tickets, taken) = mpsc::channel(1);
         let reading = self.read_batches(session, inbound, leaving, tickets);
@@ -217,7 +221,7 @@ impl Face {
                 end = reading => end,
             }
         });
-        let mut acknowledging = std::pin::pin!(acknowledge(session.committed(), taken, out));
+        let mut acknowledging = std::pin::pin!(acknowledge(resumed, taken, out));
 
         tokio::select! {
             end = &mut reading => acknowledging.await.and(end),
@@ -240,7 +244,7 @@ impl Face {
     /// sender is what lets the acknowledging half end.
     async fn read_batches(
         &self,
-        session: &Session,
+        session: &mut Session,
         inbound: &mut Streaming<IngestRequest>,
         leaving: &Leaving,
         tickets: mpsc::Sender<Ticket>,

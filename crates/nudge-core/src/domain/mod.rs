@@ -94,7 +94,9 @@ pub use presence::Presence;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
 pub use rank::MOST_RANKED;
-pub use records::{Collecting, Digest, Entry, Record, Records, Rejection, Widths, Worded};
+pub use records::{
+    Collecting, Digest, Entry, Record, Records, Rejection, Undecodable, Widths, Worded,
+};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};

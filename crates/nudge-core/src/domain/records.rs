@@ -63,6 +63,8 @@ pub struct Records {
     pub entries: Vec<Entry>,
     /// How often each record was observed, or empty for once each.
     pub counts: Vec<u64>,
+    /// The track that each record is a step of, if it is told; empty where none is.
+    pub tracks: Vec<Option<u64>>,
     /// The records that could not be decoded, by index; their values above are zeros.
     pub undecodable: Vec<Rejection>,
 }
@@ -85,6 +87,37 @@ pub struct Record {
     pub entry: Entry,
     /// How often it was observed.
     pub count: u64,
+    /// The track that it is a step of, by a number of the sender's own: then the service decides
+    /// whether it is an entry, where `entry` does not say.
+    pub track: Option<u64>,
+}
+
+/// A record that could not be decoded.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Undecodable {
+    /// The field at fault as a JSON pointer into the record.
+    pub field: String,
+    /// The value that was found and what was expected.
+    pub reason: String,
+    /// The track that it is a step of, as far as that could be decoded.
+    pub track: Option<u64>,
+}
+
+impl Undecodable {
+    /// Returns the same as a step of a track.
+    pub fn of_track(self, track: Option<u64>) -> Self {
+        Self { track, ..self }
+    }
+}
+
+impl From<(String, String)> for Undecodable {
+    fn from((field, reason): (String, String)) -> Self {
+        Self {
+            field,
+            reason,
+            track: None,
+        }
+    }
 }
 
 impl Record {
@@ -99,6 +132,7 @@ impl Record {
             outcomes_present: Vec::new(),
             entry: Entry::Unknown,
             count: 1,
+            track: None,
         }
     }
 }
@@ -117,13 +151,13 @@ impl Records {
     /// Collects records of these widths; a record that could not be decoded keeps its place.
     pub fn collect(
         widths: Widths,
-        records: impl ExactSizeIterator<Item = Result<Record, (String, String)>>,
+        records: impl ExactSizeIterator<Item = Result<Record, Undecodable>>,
     ) -> Self {
         let mut all = Collecting::new(widths.clone(), records.len());
         for record in records {
             match record.and_then(|record| widths.check(record)) {
                 Ok(record) => all.push(&record),
-                Err((field, reason)) => all.push_undecodable(field, reason),
+                Err(undecodable) => all.push_undecodable(undecodable),
             }
         }
         all.finish()
@@ -147,6 +181,9 @@ impl Records {
         }
         if self.counts.iter().all(|count| *count == 1) {
             self.counts.clear();
+        }
+        if self.tracks.iter().all(Option::is_none) {
+            self.tracks.clear();
         }
         self
     }
@@ -198,18 +235,23 @@ impl Records {
         );
         hasher.update(bytemuck::cast_slice(&self.counts));
 
-        // Nothing where every agent acted and nothing was observed: so it was when all records were
-        // like that.
+        // Nothing where every agent acted, nothing was observed and no track is told: so it was when
+        // all records were like that.
         let later = [
             self.actions_present.bits(),
             self.outcomes.le_bytes(),
             self.outcomes_present.bits(),
         ];
-        if later.iter().any(|column| !column.is_empty()) {
+        let are_told = !self.tracks.is_empty();
+        if are_told || later.iter().any(|column| !column.is_empty()) {
             for column in later {
                 hasher.update(&(column.len() as u64).to_le_bytes());
                 hasher.update(column);
             }
+        }
+        for track in &self.tracks {
+            hasher.update(&[u8::from(track.is_some())]);
+            hasher.update(&track.unwrap_or(0).to_le_bytes());
         }
         hasher
     }
@@ -247,6 +289,8 @@ pub struct Collecting {
     outcomes_present: Flags,
     entries: Vec<Entry>,
     counts: Vec<u64>,
+    /// None as long as no record tells its track.
+    tracks: Vec<Option<u64>>,
     undecodable: Vec<Rejection>,
 }
 
@@ -261,6 +305,7 @@ impl Collecting {
             outcomes_present: Flags::default(),
             entries: Vec::with_capacity(records),
             counts: Vec::with_capacity(records),
+            tracks: Vec::new(),
             undecodable: Vec::new(),
             widths,
         }
@@ -297,19 +342,28 @@ impl Collecting {
         };
         self.outcomes_present.push(flags, is_observed, outcomes);
 
+        if record.track.is_some() || !self.tracks.is_empty() {
+            self.tracks.resize(self.len(), None);
+            self.tracks.push(record.track);
+        }
         self.entries.push(record.entry);
         self.counts.push(record.count);
     }
 
     /// Keeps the place of a record that could not be decoded.
-    pub fn push_undecodable(&mut self, field: String, reason: String) {
+    fn push_undecodable(&mut self, undecodable: Undecodable) {
+        let Undecodable {
+            field,
+            reason,
+            track,
+        } = undecodable;
         self.undecodable.push(Rejection {
             index: self.len() as u32,
             field,
             reason,
         });
         let blank = Record::new(vec![0.0; self.widths.state], vec![0.0; self.widths.actions]);
-        self.push(&blank);
+        self.push(&Record { track, ..blank });
     }
 
     /// Returns the records, in the one form that equal content has.
@@ -323,6 +377,7 @@ impl Collecting {
             outcomes_present: self.outcomes_present.packed(),
             entries: self.entries,
             counts: self.counts,
+            tracks: self.tracks,
             undecodable: self.undecodable,
         };
         records.normalised(&self.widths)
@@ -418,8 +473,14 @@ impl Widths {
         self.outcomes.iter().sum()
     }
 
-    /// Returns a record that has these widths, or the place of its first fault and what it is.
-    pub fn check(&self, record: Record) -> Result<Record, (String, String)> {
+    /// Returns a record that has these widths, or its first fault.
+    pub fn check(&self, record: Record) -> Result<Record, Undecodable> {
+        let fits = self.fits(&record);
+        fits.map_err(|fault| Undecodable::from(fault).of_track(record.track))?;
+        Ok(record)
+    }
+
+    fn fits(&self, record: &Record) -> Result<(), (String, String)> {
         let (agents, outcomes) = (self.agents.len(), self.outcomes.len());
         for (field, got, expected) in [
             ("/state", record.state.len(), self.state),
@@ -452,7 +513,7 @@ impl Widths {
                 wide(field, what, got, expected)?;
             }
         }
-        Ok(record)
+        Ok(())
     }
 }
 
@@ -469,7 +530,7 @@ mod tests {
     use super::*;
 
     fn batch(reason: &str, value: f32) -> Records {
-        let bad = Err(("/state/x".to_owned(), reason.to_owned()));
+        let bad = Err(("/state/x".to_owned(), reason.to_owned()).into());
         let good = Ok(Record::new(vec![value], vec![0.0, 1.0]));
         Records::collect(
             Widths {
@@ -603,6 +664,57 @@ mod tests {
     }
 
     #[test]
+    fn tracks_are_content_where_one_is_told() {
+        let by_tracks = |tracks: &[Option<u64>]| {
+            let record = |track: &Option<u64>| Record {
+                track: *track,
+                ..Record::new(vec![0.5], vec![1.0, 2.0, 3.0])
+            };
+            Records::collect(three_slots(), tracks.iter().map(record).map(Ok))
+        };
+        let none = by_tracks(&[None; 3]);
+        assert!(none.tracks.is_empty());
+        let columns = Records {
+            tracks: vec![None; 3],
+            ..none.clone()
+        };
+        assert_eq!(columns.normalised(&three_slots()), none);
+
+        let late = by_tracks(&[None, None, Some(0)]);
+        assert_eq!(late.tracks, [None, None, Some(0)]);
+        let narrow = Record {
+            track: Some(0),
+            ..Record::new(Vec::new(), Vec::new())
+        };
+        let narrow = Records::collect(three_slots(), [Ok(narrow)].into_iter());
+        assert_eq!(
+            (narrow.undecodable.len(), narrow.tracks),
+            (1, vec![Some(0)])
+        );
+        let early = by_tracks(&[Some(0), None, None]);
+        assert_eq!(early.tracks, [Some(0), None, None]);
+
+        let observed = Records {
+            outcomes: vec![0.0; 9].into(),
+            ..late.clone()
+        };
+        let others = [
+            [Some(0); 3],
+            [Some(0), Some(0), Some(1)],
+            [Some(u64::MAX); 3],
+        ];
+        let contents: Vec<Records> = [none, late, early, observed]
+            .into_iter()
+            .chain(others.map(|tracks| by_tracks(&tracks)))
+            .collect();
+        for (at, content) in contents.iter().enumerate() {
+            for other in &contents[..at] {
+                assert_ne!(content.digest(None), other.digest(None));
+            }
+        }
+    }
+
+    #[test]
     fn what_all_records_have_needs_no_flags() {
         let records = (0..20).map(|_| Record {
             outcomes: vec![1.0, 2.0, 3.0],
@@ -622,7 +734,7 @@ mod tests {
     #[test]
     fn a_record_of_other_widths_is_told() {
         let good = Record::new(vec![0.5], vec![1.0; 3]);
-        let told = |record| three_slots().check(record).map_err(|(field, _)| field);
+        let told = |record| three_slots().check(record).map_err(|bad| bad.field);
         let wrong = |field: &str| Err(field.to_owned());
         let record = |change: fn(&mut Record)| {
             let mut record = good.clone();

@@ -77,17 +77,20 @@ impl<K: Clone + Eq> EntryRule<K> {
         self.act(actions);
         let entered = self.last.as_ref() != Some(state);
         let counts = entered && self.is_renewed(state, takes_part);
-        if counts {
-            self.count(state);
-        }
-        self.last = Some(state.clone());
-        self.step += 1;
+        self.pass(state, counts);
 
         if counts {
             Entry::Entered
         } else {
             Entry::Stayed
         }
+    }
+
+    /// Takes the next step where it is known whether it counts as an entry, because whoever sent it
+    /// said so: those that follow are decided as if this rule had said the same.
+    pub fn told(&mut self, state: &K, actions: &[Option<u64>], counts: bool) {
+        self.act(actions);
+        self.pass(state, counts);
     }
 
     /// Passes over steps that were not observed: the next one enters its state. That an agent holds
@@ -103,6 +106,15 @@ impl<K: Clone + Eq> EntryRule<K> {
                 (agent.action, agent.changed) = (*action, self.step);
             }
         }
+    }
+
+    /// Passes to the step after this one.
+    fn pass(&mut self, state: &K, counts: bool) {
+        if counts {
+            self.count(state);
+        }
+        self.last = Some(state.clone());
+        self.step += 1;
     }
 
     /// Returns whether those that take part have all changed their action since the state's last

@@ -2,7 +2,8 @@
 //! are independent draws of their state (thinning), and what the agents did some steps later
 //! (lagged outcomes). The service never joins steps; whoever has them in order does it here.
 //!
-//! * [`EntryRule`]: which steps entered their state and count as draws.
+//! * [`EntryRule`]: which steps entered their state and count as draws. The service uses it too, for
+//!   senders that tell only which track a step is of.
 //! * [`Track`]: [`Step`]s in, transitions out.
 //!
 //! # Absent on purpose

@@ -3,7 +3,7 @@
 use bytes::Bytes;
 use nudge_core::domain::{
     Acknowledged, Batch, Entry, Label, Presence, ProducerId, Record, Records, Rejection, Schema,
-    Sequence, Values, Widths,
+    Sequence, Undecodable, Values, Widths,
 };
 use nudge_core::error::{ErrorKind, Fault, Problem};
 
@@ -20,7 +20,11 @@ pub fn batch(schema: &Schema, batch: proto::Batch) -> Result<Batch, Problem> {
         None => Records::default(),
         Some(Transitions::Rows(rows)) => {
             within_limit(rows.transitions.len())?;
-            let decode = |transition| record(&widths, transition);
+            let decode = |transition: proto::Transition| {
+                let track = transition.track;
+                record(&widths, transition)
+                    .map_err(|fault| Undecodable::from(fault).of_track(track))
+            };
             Records::collect(widths.clone(), rows.transitions.into_iter().map(decode))
         }
         Some(Transitions::Columns(columns)) => {
@@ -84,6 +88,7 @@ fn record(widths: &Widths, transition: proto::Transition) -> Result<Record, (Str
         outcomes_present: flags("/outcomes_present", transition.outcomes_present, outcomes)?,
         entry,
         count,
+        track: transition.track,
     })
 }
 
@@ -122,6 +127,7 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
         outcomes_le,
         actions_present,
         outcomes_present,
+        tracks,
     } = columns;
     let len = count as usize;
     let mut faults = Vec::new();
@@ -129,7 +135,12 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
     let of = |name, width| Column { name, len, width };
     let states = of("states", widths.state).values(states, states_le, &mut faults);
     let actions = of("actions", widths.actions).values(actions, actions_le, &mut faults);
-    for (name, got) in [("entries", entries.len()), ("counts", counts.len())] {
+    let optional = [
+        ("entries", entries.len()),
+        ("counts", counts.len()),
+        ("tracks", tracks.len()),
+    ];
+    for (name, got) in optional {
         if got != 0 && got != len {
             faults.push(of(name, 1).fault("", format!("got {got} values")));
         }
@@ -174,6 +185,7 @@ fn records(widths: &Widths, columns: proto::Columns) -> Result<Records, Vec<Faul
         outcomes_present,
         entries,
         counts,
+        tracks: tracks.into_iter().map(Some).collect(),
         undecodable,
     }
     .normalised(widths))

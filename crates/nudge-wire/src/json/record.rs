@@ -4,7 +4,7 @@
 use std::collections::HashSet;
 
 use nudge_core::domain::draft::ActionDraft;
-use nudge_core::domain::{Entry, Record, Schema, SlotValues};
+use nudge_core::domain::{Entry, Record, Schema, SlotValues, Undecodable};
 use nudge_core::error::{Fault, pointer};
 
 use super::decode::not_finite;
@@ -12,11 +12,15 @@ use super::loose::{Loose, named_values};
 
 /// Decodes one transition, or returns the place of its first fault and what is wrong with it,
 /// briefly, because receipts are kept.
-pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, (String, String)> {
-    decoded(schema, text).map_err(joined)
+pub(super) fn record(schema: &Schema, text: &[u8]) -> Result<Record, Undecodable> {
+    let fields = fields(text).map_err(joined)?;
+    let track = track_of(fields.track.as_ref());
+    let told = track.clone().ok().flatten();
+    decoded(schema, fields, track)
+        .map_err(|faults| Undecodable::from(joined(faults)).of_track(told))
 }
 
-fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
+fn fields(text: &[u8]) -> Result<Fields, Vec<Fault>> {
     let value = Loose::parse(text).map_err(|error| vec![not_json(text, &error)])?;
     let Loose::Object(members) = value else {
         return Err(vec![Fault::new(
@@ -29,6 +33,14 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     members
         .into_iter()
         .for_each(|(name, value)| fields.take(name, value));
+    Ok(fields)
+}
+
+fn decoded(
+    schema: &Schema,
+    fields: Fields,
+    track: Result<Option<u64>, Vec<Fault>>,
+) -> Result<Record, Vec<Fault>> {
     let Fields {
         state,
         actions,
@@ -36,6 +48,7 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
         entry,
         count,
         mut faults,
+        ..
     } = fields;
     let state = keep(
         object("/state", state).and_then(|members| state_values(schema, members)),
@@ -50,9 +63,10 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
     let outcomes = keep(outcome_values(schema, outcomes), &mut faults);
     let entry = keep(entry_of(entry), &mut faults);
     let count = keep(count_of(count), &mut faults);
+    let track = keep(track, &mut faults);
 
-    match (state, actions, outcomes, entry, count) {
-        (Some(state), Some(actions), Some(outcomes), Some(entry), Some(count))
+    match (state, actions, outcomes, entry, count, track) {
+        (Some(state), Some(actions), Some(outcomes), Some(entry), Some(count), Some(track))
             if faults.is_empty() =>
         {
             Ok(Record {
@@ -63,6 +77,7 @@ fn decoded(schema: &Schema, text: &[u8]) -> Result<Record, Vec<Fault>> {
                 outcomes_present: outcomes.present,
                 entry,
                 count,
+                track,
             })
         }
         _ => Err(faults),
@@ -81,6 +96,7 @@ struct Fields {
     outcomes: Option<Loose>,
     entry: Option<Loose>,
     count: Option<Loose>,
+    track: Option<Loose>,
     faults: Vec<Fault>,
 }
 
@@ -92,8 +108,10 @@ impl Fields {
             "outcomes" => &mut self.outcomes,
             "entry" => &mut self.entry,
             "count" => &mut self.count,
+            "track" => &mut self.track,
             _ => {
-                let detail = "unknown field, expected state, actions, outcomes, entry or count";
+                let detail =
+                    "unknown field, expected state, actions, outcomes, entry, count or track";
                 return self.faults.push(Fault::new(pointer(&name), detail));
             }
         };
@@ -182,20 +200,28 @@ fn entry_of(value: Option<Loose>) -> Result<Entry, Vec<Fault>> {
 }
 
 fn count_of(value: Option<Loose>) -> Result<u64, Vec<Fault>> {
+    Ok(whole_of("/count", value.as_ref(), 1)?.unwrap_or(1))
+}
+
+fn track_of(value: Option<&Loose>) -> Result<Option<u64>, Vec<Fault>> {
+    whole_of("/track", value, 0)
+}
+
+fn whole_of(at: &str, value: Option<&Loose>, least: u64) -> Result<Option<u64>, Vec<Fault>> {
     /// Above it, f64 does not tell neighbouring whole numbers apart.
     const LARGEST_EXACT: f64 = 9_007_199_254_740_992.0;
     match value {
-        None | Some(Loose::Null) => Ok(1),
-        Some(Loose::Whole(count)) if count >= 1 => Ok(count),
+        None | Some(Loose::Null) => Ok(None),
+        Some(Loose::Whole(number)) if *number >= least => Ok(Some(*number)),
         // JSON knows no integers: some writers say 2.0.
-        Some(Loose::Number(count))
-            if count.fract() == 0.0 && (1.0..=LARGEST_EXACT).contains(&count) =>
+        Some(Loose::Number(number))
+            if number.fract() == 0.0 && (least as f64..=LARGEST_EXACT).contains(number) =>
         {
-            Ok(count as u64)
+            Ok(Some(*number as u64))
         }
         Some(other) => Err(vec![Fault::new(
-            "/count",
-            format!("got {other}, expected a whole number, at least 1"),
+            at,
+            format!("got {other}, expected a whole number, at least {least}"),
         )]),
     }
 }

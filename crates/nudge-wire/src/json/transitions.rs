@@ -66,6 +66,11 @@ pub struct Transition {
     /// How often it was observed, for counts that were merged elsewhere; absent for once.
     #[schema(minimum = 1, maximum = 9_223_372_036_854_775_807_i64)]
     pub count: Option<u64>,
+    /// The track that it is a step of, a game say, by a number of the sender's own. Steps of a track
+    /// come in the order of time, and where `entry` is absent the service decides it, from the steps
+    /// of that track in the same batch; `count` is 1 then.
+    #[schema(minimum = 0, example = 7)]
+    pub track: Option<u64>,
 }
 
 /// The value of a feature.

@@ -139,4 +139,27 @@ proptest! {
     ) {
         prop_assert_eq!(entries(actions, &steps), by_definition(actions, &steps));
     }
+
+    #[test]
+    fn steps_that_are_told_as_the_rule_has_it_change_nothing(
+        actions in prop::array::uniform2(1u64..4),
+        steps in prop::collection::vec(
+            (
+                (0u8..4, prop::array::uniform2(prop::option::weighted(0.8, 0u64..3))),
+                any::<bool>(),
+            ),
+            0..80,
+        ),
+    ) {
+        let (played, told): (Vec<Step>, Vec<bool>) = steps.into_iter().unzip();
+        let expected = entries(actions, &played);
+        let mut rule = EntryRule::new(actions);
+        for (at, (state, acts)) in played.iter().enumerate() {
+            if told[at] {
+                rule.told(state, acts, expected[at]);
+            } else {
+                prop_assert_eq!(rule.entry(state, acts) == Entry::Entered, expected[at]);
+            }
+        }
+    }
 }

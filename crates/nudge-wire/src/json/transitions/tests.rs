@@ -71,6 +71,37 @@ fn entry_and_count_are_kept() {
 }
 
 #[test]
+fn a_track_is_kept_to_the_last_digit() {
+    let with_track = |track: &str| with(r#"{"state""#, &format!(r#"{{"track": {track}, "state""#));
+    let most = u64::MAX.to_string();
+    let kept = batch(&[
+        &with_track("0"),
+        GOOD,
+        &with_track(&most),
+        &with_track("7.0"),
+    ]);
+    let expected = [Some(0), None, Some(u64::MAX), Some(7)];
+    assert_eq!(kept.records.tracks, expected);
+    assert_eq!(batch(&[&with_track("null"), GOOD]), batch(&[GOOD, GOOD]));
+
+    for wrong in [
+        "-1",
+        "1.5",
+        "1e300",
+        "1e400",
+        "18446744073709551616",
+        r#""7""#,
+        "true",
+        "[7]",
+    ] {
+        let told = rejection(&with_track(wrong));
+        assert_eq!(told.field, "/track", "{wrong}");
+        assert!(told.reason.contains("expected a"), "{}", told.reason);
+    }
+    assert_eq!(rejection(&with_track("1, \"track\": 1")).field, "/track");
+}
+
+#[test]
 fn a_label_may_be_given_by_its_index() {
     assert_eq!(
         batch(&[&with(r#""左""#, "1")]).records.states,
