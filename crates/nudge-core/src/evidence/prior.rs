@@ -151,21 +151,18 @@ impl Prior {
     /// Returns the probabilities of dependence and of the slabs.
     pub(super) fn weights(&self, readings: &Readings<'_>) -> Weights {
         let mut slabs = [0, 1].map(|side| self.sides[side].ln_slabs);
-        let mut margins = [(); 2].map(|()| StateMargins::none());
+        let telling = readings.wholes.iter().filter(|[table, _]| !table.is_line());
+        let are_several = telling.count() > 1;
+        let mut margins = [(); 2].map(|()| StateMargins::none(are_several));
         let mut said = |side: usize, reading: &Reading<'_>| {
             self.sides[side].add_bayes_factors(&reading[side], &mut slabs[side], &mut margins[side])
         };
 
-        let mut deviants: Vec<[Deviants; 2]> = readings
+        let deviants = readings
             .wholes
             .iter()
             .map(|reading| [0, 1].map(|side| said(side, reading)))
             .collect();
-        for side in 0..2 {
-            let tables = readings.wholes.iter().map(|reading| &*reading[side]);
-            let slices = tables.zip(deviants.iter_mut().map(|deviants| &mut deviants[side]));
-            self.sides[side].look_at_margins(slices, &mut slabs[side], &margins[side]);
-        }
         let nulls = [0, 1].map(|side| self.sides[side].join(&margins[side], &mut slabs[side]));
 
         let mut segments = (readings.parts.number() > 0).then(|| {

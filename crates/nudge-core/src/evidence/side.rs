@@ -47,13 +47,16 @@ pub(super) struct Side {
 /// What the margins of a state's slices say: under the null, and of the rows that both hypotheses
 /// have alike.
 pub(super) struct StateMargins {
+    /// Whether several slices can tell dependence from independence.
+    are_several: bool,
     nulls: Margins,
     anchors: Margins,
 }
 
 impl StateMargins {
-    pub fn none() -> Self {
+    pub fn none(are_several: bool) -> Self {
         Self {
+            are_several,
             nulls: Margins::none(),
             anchors: Margins::none(),
         }
@@ -111,7 +114,11 @@ impl Side {
     ) -> Deviants {
         let evidence = self.likelihood.evidence(table);
         let null = self.nulls.given(&evidence.nulls);
-        let deviants = self.likelihood.deviants(table, &self.nulls, &null);
+        let deviants = if state.are_several && !table.is_line() {
+            self.likelihood.deviants_at_margins(table)
+        } else {
+            self.likelihood.deviants(table, &self.nulls, &null)
+        };
         if !table.is_line() {
             let anchored = evidence.anchor.as_ref().map_or(0.0, |anchor| {
                 let ln = self.nulls.ln_mixed(anchor);
@@ -137,32 +144,10 @@ impl Side {
         deviants
     }
 
-    /// Looks for the row that deviates in each of several slices once more, beside what chance gives
-    /// at its margins; of one slice everything stays.
-    pub fn look_at_margins<'a>(
-        &self,
-        slices: impl Iterator<Item = (&'a Table, &'a mut Deviants)>,
-        slabs: &mut [f64; SLABS],
-        state: &StateMargins,
-    ) {
-        if !state.nulls.are_several() {
-            return;
-        }
-        for (table, deviants) in slices.filter(|(table, _)| !table.is_line()) {
-            let before = deviants.evidence();
-            *deviants = self.likelihood.deviants_at_margins(table);
-            let after = deviants.evidence();
-            slabs[DEVIANT_SLABS]
-                .iter_mut()
-                .zip(after.iter().zip(before))
-                .for_each(|(ln, (after, before))| *ln += after - before);
-        }
-    }
-
     /// Corrects the Bayes factors of several slices for what they have in common, and returns ln of
     /// the null of all.
     pub fn join(&self, state: &StateMargins, slabs: &mut [f64; SLABS]) -> f64 {
-        let StateMargins { nulls, anchors } = state;
+        let StateMargins { nulls, anchors, .. } = state;
         let beyond = anchors.beyond_apart(&self.nulls) - nulls.beyond_apart(&self.nulls);
         if nulls.are_several() {
             slabs

@@ -420,7 +420,7 @@ proptest! {
         let deviants = prior.sides[0].add_bayes_factors(
             &table,
             &mut [0.0; SLABS],
-            &mut StateMargins::none(),
+            &mut StateMargins::none(false),
         );
         let slice = prior.sides[0].slice(&table, &deviants, prior.habits().driver(0));
         let moments = prior.sides[0].moments(slab, &slice);
