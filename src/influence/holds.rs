@@ -40,17 +40,13 @@ fn hold(
         return None;
     }
 
-    let absence = schema.agents()[agent].absence();
     let (mut steps, mut changes) = (0, 0);
     let family = Family::of_outcome(outcome);
     for cell in counts.of_family_and_segments(family, segments) {
         let (joint, action) = schema.split(family, cell.joint);
-        let before = schema.action_of(joint, agent);
-        if before != absence {
+        if let Some(before) = schema.taken_action(joint, agent) {
             steps += cell.tally.n;
-        }
-        if before != absence && before != action {
-            changes += cell.tally.n;
+            changes += if before == action { 0 } else { cell.tally.n };
         }
     }
     (changes > 0).then(|| steps as f64 / changes as f64)

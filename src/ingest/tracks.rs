@@ -54,7 +54,8 @@ impl Tracks {
     ) -> Entry {
         let mut actions = std::mem::take(&mut self.actions);
         actions.clear();
-        actions.extend(actions_of(schema, step.joint));
+        let agents = 0..schema.agents().len();
+        actions.extend(agents.map(|agent| schema.taken_action(step.joint, agent)));
 
         let rule = self.rule_of(schema, step.track);
         let entry = match step.sent {
@@ -100,14 +101,6 @@ impl Tracks {
         let first = *kept;
         self.followed.retain(|_, one| one.latest >= first);
     }
-}
-
-/// Returns the action of each agent in a joint action; none of one that was absent.
-fn actions_of(schema: &Schema, joint: u64) -> impl Iterator<Item = Option<u64>> {
-    let agents = schema.agents().iter().enumerate();
-    agents.map(move |(at, agent)| {
-        Some(schema.action_of(joint, at)).filter(|action| *action != agent.absence())
-    })
 }
 
 #[cfg(test)]

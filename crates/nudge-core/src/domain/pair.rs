@@ -105,8 +105,7 @@ impl Pair {
             return true;
         }
         let (joint, _) = schema.split(self.family(), cell.joint);
-        let acted =
-            |agent: usize| schema.action_of(joint, agent) != schema.agents()[agent].absence();
+        let acted = |agent| schema.taken_action(joint, agent).is_some();
         // A later action is in the family's cells only where it was taken.
         acted(self.ego) && (self.later.is_some() || acted(self.other))
     }

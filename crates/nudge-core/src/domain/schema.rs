@@ -145,6 +145,13 @@ impl Schema {
         if agent == 0 { rest } else { rest % actions }
     }
 
+    /// Returns the action that one agent took in a joint action; `None` where it was absent.
+    #[inline]
+    pub fn taken_action(&self, joint: u64, agent: usize) -> Option<u64> {
+        let action = self.action_of(joint, agent);
+        (action != self.agents()[agent].absence()).then_some(action)
+    }
+
     /// Returns every agent's action in a joint action.
     pub fn actions_of(&self, joint: u64) -> Vec<u64> {
         (0..self.agents().len())
