@@ -1,6 +1,6 @@
 //! The causal graph of one state, by conditional independence tests: what every pair of agents is,
-//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton. At a lag each pair
-//! is asked about in both directions, and others are held fixed by what they do now.
+//! beside all others. At lag 0 nothing has a direction: what is found is a skeleton. At a lag each
+//! pair is asked about in both directions, and others are held fixed by what they do now.
 
 use std::sync::Arc;
 use std::time::Instant;

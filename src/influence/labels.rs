@@ -43,15 +43,25 @@ pub fn labelled(
 
 /// Returns the names and the actions of the variables of a pair.
 pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
+    labels_up_to(Variable::MOST_LABELS, schema, pair)
+}
+
+/// Returns the names of the variables of a pair, beside what has no indices.
+pub fn names(schema: &Schema, pair: &Pair) -> Labels {
+    labels_up_to(0, schema, pair)
+}
+
+/// Returns the names of the variables of a pair, and the actions of those that have so many at most.
+fn labels_up_to(most: u64, schema: &Schema, pair: &Pair) -> Labels {
     let now = |agent: &usize| {
         let agent = &schema.agents()[*agent];
         let label = |index| agent.action_label(index);
-        variable(agent.name.as_str(), agent.actions(), label)
+        variable(most, agent.name.as_str(), agent.actions(), label)
     };
     let at = |outcome: usize| {
         let outcome = &schema.outcomes()[outcome];
         let label = |index| outcome.value_label(index);
-        variable(&outcome.name, outcome.values(), label)
+        variable(most, &outcome.name, outcome.values(), label)
     };
 
     let mut given: Vec<Variable> = pair.given.iter().map(now).collect();
@@ -69,23 +79,8 @@ pub fn labels(schema: &Schema, pair: &Pair) -> Labels {
     }
 }
 
-/// Returns the names of the variables of a pair, beside what has no indices.
-pub fn names(schema: &Schema, pair: &Pair) -> Labels {
-    let named = |variable: Variable| Variable {
-        actions: Vec::new(),
-        ..variable
-    };
-    let Labels { ego, other, given } = labels(schema, pair);
-    Labels {
-        ego: named(ego),
-        other: named(other),
-        given: given.into_iter().map(named).collect(),
-    }
-}
-
-fn variable(name: &str, letters: u64, label: impl Fn(u64) -> String) -> Variable {
-    let are_told = letters <= Variable::MOST_LABELS;
-    let told = if are_told { letters } else { 0 };
+fn variable(most: u64, name: &str, letters: u64, label: impl Fn(u64) -> String) -> Variable {
+    let told = if letters <= most { letters } else { 0 };
     Variable {
         name: name.to_owned(),
         actions: (0..told).map(label).collect(),

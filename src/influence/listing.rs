@@ -199,8 +199,18 @@ struct Chosen {
     next_page_token: Option<String>,
 }
 
-/// Returns a page of these states, and its token.
-pub fn page(
+/// Returns a page of what is known of these states, and its token.
+pub fn page_of(
+    schema: &Schema,
+    scope: &Scope,
+    as_of: u64,
+    (rows, next_page_token): (&[Row], Option<String>),
+) -> StatePage {
+    let states = rows.iter().map(|row| figures(schema, scope.unit, row));
+    page(schema, scope, as_of, (states.collect(), next_page_token))
+}
+
+fn page(
     schema: &Schema,
     scope: &Scope,
     as_of: u64,

@@ -77,16 +77,8 @@ impl Influence {
             let (schema, scope) = (&context.environment.schema, &context.scope);
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
-            let states = rows[..size]
-                .iter()
-                .map(|row| listing::figures(schema, scope.unit, row))
-                .collect();
-            Ok(listing::page(
-                schema,
-                scope,
-                as_of,
-                (states, next_page_token),
-            ))
+            let page = (&rows[..size], next_page_token);
+            Ok(listing::page_of(schema, scope, as_of, page))
         })
         .await
     }
@@ -115,16 +107,8 @@ impl Influence {
         turn.run(move |stop| {
             let (schema, scope) = (&context.environment.schema, &context.scope);
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
-            let states = rows
-                .iter()
-                .map(|row| listing::figures(schema, scope.unit, row))
-                .collect();
-            Ok(listing::page(
-                schema,
-                scope,
-                as_of,
-                (states, next_page_token),
-            ))
+            let page = (&rows[..], next_page_token);
+            Ok(listing::page_of(schema, scope, as_of, page))
         })
         .await
     }

@@ -182,8 +182,8 @@ pub(super) async fn train(connection: &Connection, environment: &str) -> Result<
     ))
 }
 
-/// Fits the prior that a question of an environment stands on, and waits until what is told of all its states stands on that
-/// fit and on everything counted.
+/// Fits the prior that a question of an environment stands on, and waits until what is told of all
+/// its states stands on that fit and on everything counted.
 async fn settle(connection: &Connection, scope: &proto::Scope) -> Result<(), Failure> {
     let fit = proto::FitPriorRequest {
         environment: scope.environment.clone(),
