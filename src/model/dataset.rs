@@ -148,7 +148,7 @@ impl Dataset {
             .iter()
             .flat_map(|example| example.table.triples())
             .for_each(|(row, j, n)| {
-                counts[(row / actions.rows) as usize * columns + j as usize] += n
+                counts[self.letters.stratum(row as usize) * columns + j as usize] += n
             });
         counts.chunks(columns).map(Base::new).collect()
     }

@@ -20,11 +20,11 @@
 //! | `members.0.interaction.weight`, `.bias` | `[R K, width]`, `[R K]` (one D for all strata), or `[H R K, width]`, `[H R K]` (row (h R + i) K + j) |
 //!
 //! What the numbers cannot say stands in the file's metadata, text by text: `format` (`nudge/1`; at
-//! a lag `nudge/2`, which has `lag` too), `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats), `scales` (JSON: for each feature
-//! `null`, or the mean and the deviation that its value is standardised by), `card` (of
-//! `stored_forms`; absent, empty or `{}` in files of other tools), and, absent from files of
-//! earlier builds and of other tools, `seen` (JSON: for each feature the bins that the states of
-//! the training had, as runs `[first, last]` in order).
+//! a lag `nudge/2`, which has `lag` too), `kind`, `ego`, `other`, `schema_hash`, `threshold` (nats),
+//! `scales` (JSON: for each feature `null`, or the mean and the deviation that its value is
+//! standardised by), `card` (of `stored_forms`; absent, empty or `{}` in files of other tools), and,
+//! absent from files of earlier builds and of other tools, `seen` (JSON: for each feature the bins
+//! that the states of the training had, as runs `[first, last]` in order).
 //!
 //! The card belongs to what the network says: a probability is made by its calibration. A file that
 //! is imported brings it along.
@@ -253,11 +253,8 @@ fn card_of(environment: &Environment, content: &Content, text: &str) -> Result<C
         ));
     }
 
-    let lag = content.pair.lag(&environment.schema);
-    if card.lag != lag {
-        let told = card.lag;
-        return Err(format!("is of lag {told}, expected {lag}; {WITHOUT}"));
-    }
+    stored_forms::check_lag(&card, &environment.schema, &content.pair)
+        .map_err(|why| format!("{why}; {WITHOUT}"))?;
 
     let fewest = if card.is_split_known() {
         card.training.members

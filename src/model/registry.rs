@@ -620,11 +620,8 @@ fn card(environment: &Environment, record: &ModelRecord) -> Result<Card, String>
 /// Reads a card, which has to be of its version's lag.
 fn read_card(environment: &Environment, pair: &Pair, text: &str) -> Result<Card, String> {
     let card = stored_forms::read_card(text).map_err(|why| format!("its card: {why}"))?;
-    let lag = pair.lag(&environment.schema);
-    if card.lag != lag {
-        let told = card.lag;
-        return Err(format!("its card: is of lag {told}, expected {lag}"));
-    }
+    stored_forms::check_lag(&card, &environment.schema, pair)
+        .map_err(|why| format!("its card: {why}"))?;
     Ok(card)
 }
 

@@ -203,6 +203,15 @@ fn share(base_rate: f64) -> Result<f64, Unreadable> {
     }
 }
 
+/// Says where a card is of another lag than the pair that it stands beside.
+pub fn check_lag(card: &Card, schema: &Schema, pair: &Pair) -> Result<(), String> {
+    let (told, lag) = (card.lag, pair.lag(schema));
+    if told != lag {
+        return Err(format!("is of lag {told}, expected {lag}"));
+    }
+    Ok(())
+}
+
 /// Returns the position by which the registry knows the other: that of the agent, or behind all
 /// agents that of the outcome which is its action later. To builds that know of no lags such a
 /// position is none of an agent.
