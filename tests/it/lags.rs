@@ -166,6 +166,41 @@ async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
     exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 
+/// Asks all there is of state 0 in one call of gRPC, and by the command with `asked`: both answer as
+/// REST did.
+pub async fn assert_same_by_grpc_and_command(
+    app: &TestApp,
+    scope: proto::Scope,
+    asked: &[&str],
+    over_rest: &Value,
+) {
+    let request = proto::BatchGetInfluenceRequest {
+        scope: Some(scope),
+        keys: vec!["0".into()],
+        view: proto::View::Full.into(),
+        significance: proto::Permutations::Auto.into(),
+        visits_to_decide: true,
+        estimators: vec!["nsb".into()],
+        ..proto::BatchGetInfluenceRequest::default()
+    };
+    let over_grpc = app.influence().await.batch_get_influence(request).await;
+    let over_grpc = dto::Answers::from(over_grpc.expect("valid").into_inner());
+    assert_eq!(&serde_json::to_value(over_grpc).expect("JSON"), over_rest);
+
+    let more = [
+        "--significance",
+        "auto",
+        "--visits-to-decide",
+        "--estimators",
+        "nsb",
+        "--json",
+    ];
+    let (code, by_command, stderr) = run(app, &[asked, &more].concat()).await;
+    assert_eq!(code, 0, "{stderr}");
+    let by_command: Value = serde_json::from_str(&by_command).expect("JSON");
+    assert_eq!(&by_command, over_rest);
+}
+
 const BOTH: [[&str; 2]; 2] = [["leader", "follower"], ["follower", "leader"]];
 
 #[tokio::test(flavor = "multi_thread")]
@@ -303,34 +338,8 @@ async fn every_face_tells_the_same_at_a_lag() {
         lag: 3,
         ..proto::Scope::default()
     };
-    let request = proto::BatchGetInfluenceRequest {
-        scope: Some(scope),
-        keys: vec!["0".into()],
-        view: proto::View::Full.into(),
-        significance: proto::Permutations::Auto.into(),
-        visits_to_decide: true,
-        estimators: vec!["nsb".into()],
-        ..proto::BatchGetInfluenceRequest::default()
-    };
-    let over_grpc = app.influence().await.batch_get_influence(request).await;
-    let over_grpc = dto::Answers::from(over_grpc.expect("valid").into_inner());
-    assert_eq!(serde_json::to_value(over_grpc).expect("JSON"), over_rest);
-
     let asked = ["query", "street", "--key", "0", "--lag", "3"];
-    let more = [
-        "--significance",
-        "auto",
-        "--visits-to-decide",
-        "--estimators",
-        "nsb",
-        "--json",
-    ];
-    let (code, by_cli, stderr) = run(&app, &[&asked[..], &more].concat()).await;
-    assert_eq!(code, 0, "{stderr}");
-    assert_eq!(
-        serde_json::from_str::<Value>(&by_cli).expect("JSON"),
-        over_rest
-    );
+    assert_same_by_grpc_and_command(&app, scope, &asked, &over_rest).await;
 
     let (code, text, stderr) = run(&app, &asked).await;
     assert_eq!(code, 0, "{stderr}");

@@ -2,7 +2,7 @@
 //! asked about as that on another agent is, on every face, by the same figures as the core has of the
 //! same tables.
 
-use nudge::api::{json as dto, proto};
+use nudge::api::proto;
 use nudge::evidence::{Counted, Fit, Habits, Prior};
 use nudge::information::{self, Alphabet, Table};
 use rand::rngs::StdRng;
@@ -10,6 +10,7 @@ use rand::{RngExt, SeedableRng};
 use serde_json::{Value, json};
 
 use crate::cli::{exit_and_texts, nudge, output};
+use crate::lags::assert_same_by_grpc_and_command;
 use crate::support::TestApp;
 
 const PATH: &str = "/v1/environments/kitchen";
@@ -243,32 +244,8 @@ async fn every_face_tells_the_same_of_a_value() {
         other: "pot".into(),
         ..proto::Scope::default()
     };
-    let request = proto::BatchGetInfluenceRequest {
-        scope: Some(scope),
-        keys: vec!["0".into()],
-        view: proto::View::Full.into(),
-        significance: proto::Permutations::Auto.into(),
-        visits_to_decide: true,
-        estimators: vec!["nsb".into()],
-        ..proto::BatchGetInfluenceRequest::default()
-    };
-    let over_grpc = app.influence().await.batch_get_influence(request).await;
-    let over_grpc = dto::Answers::from(over_grpc.expect("valid").into_inner());
-    assert_eq!(serde_json::to_value(over_grpc).expect("JSON"), over_rest);
-
     let asked = ["query", "kitchen", "--key", "0", "--other", "pot"];
-    let as_json = [
-        "--significance",
-        "auto",
-        "--visits-to-decide",
-        "--estimators",
-        "nsb",
-        "--json",
-    ];
-    let (code, by_cli, stderr) = run(&app, &[&asked[..], &as_json].concat()).await;
-    assert_eq!(code, 0, "{stderr}");
-    let by_cli: Value = serde_json::from_str(&by_cli).expect("JSON");
-    assert_eq!(by_cli, over_rest);
+    assert_same_by_grpc_and_command(&app, scope, &asked, &over_rest).await;
 
     let heading = "kitchen: cook on pot, 2 steps later";
     for view in ["full", "figures", "verdict"] {
