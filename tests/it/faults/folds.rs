@@ -483,19 +483,29 @@ struct Met {
     again: u64,
     /// A move half way.
     moves: u64,
+    /// The fold that the last kill met half way, or 0.
+    last: i64,
 }
 
 impl Met {
-    async fn note(&mut self, directory: &Path, last_fold: &mut i64) {
+    async fn note(&mut self, directory: &Path) {
         let path = directory.join("nudge.db");
         let fold = "select coalesce(max(folded), 0) from totals where fold_row is not null";
         let moves = "select count(*) from totals where unmoved and exists (
             select 1 from packed where id >> 44 = (select block from environments where name = 'old'))";
         let fold = number(&path, fold).await;
         self.folds += u64::from(fold > 0);
-        self.again += u64::from(fold > 0 && fold == *last_fold);
+        self.again += u64::from(fold > 0 && fold == self.last);
         self.moves += number(&path, moves).await as u64;
-        *last_fold = fold;
+        self.last = fold;
+    }
+
+    fn is_half_way(&self) -> bool {
+        self.last > 0
+    }
+
+    fn enough(&self, kills: u64) -> bool {
+        self.folds > kills / 20 && self.again > 0 && self.moves > 0
     }
 }
 
@@ -529,16 +539,21 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds_and_moves() {
 
     let all = || producers.iter().map(|one| one.acknowledged()).sum::<u64>();
     let mut random = StdRng::seed_from_u64(17);
-    let (mut met, mut last_fold) = (Met::default(), 0);
-    for kill in 0..kills {
+    let mut met = Met::default();
+    for kill in 0.. {
+        // How fast this machine is decides what a kill meets: a few more where that was too little.
+        if kill >= kills && (met.enough(kills) || kill >= 4 * kills) {
+            break;
+        }
         // Every other one meets what a start has to do: the fold that the last one has left.
         if kill % 2 == 0 {
             let before = all();
             eventually("there is a load", async || all() > before).await;
         }
-        tokio::time::sleep(Duration::from_micros(random.random_range(0..40_000))).await;
+        let longest = if met.is_half_way() { 4_000 } else { 40_000 };
+        tokio::time::sleep(Duration::from_micros(random.random_range(0..longest))).await;
         server.kill();
-        met.note(directory.path(), &mut last_fold).await;
+        met.note(directory.path()).await;
         server = start(&address.to_string());
     }
     over.store(true, Ordering::SeqCst);
@@ -570,6 +585,6 @@ async fn nothing_is_lost_or_doubled_by_kills_in_folds_and_moves() {
     server.kill();
     assert_counted(directory.path(), &visits).await;
     let transitions: u64 = visits.values().sum();
-    println!("{kills} kills: {met:?}, {transitions} transitions, 0 lost, 0 double");
-    assert!(met.folds > kills / 20 && met.again > 0 && met.moves > 0);
+    println!("{kills} kills or more: {met:?}, {transitions} transitions, 0 lost, 0 double");
+    assert!(met.enough(kills));
 }
