@@ -40,6 +40,7 @@ pub fn validate(
                 }
             }
         }
+        sum.add_outcomes(&block);
     }
     (sum.into_increment(segment), receipt)
 }
@@ -65,6 +66,8 @@ struct Sum<'a> {
     cells: Vec<(u64, u64, Tally)>,
     /// The cells of each outcome's family; none where nothing was observed.
     outcomes: Vec<Vec<(u64, u64, Tally)>>,
+    /// The records of the block at hand that are counted: lane, state and tally.
+    counted: Vec<(usize, u64, Tally)>,
     transitions: u64,
 }
 
@@ -75,6 +78,8 @@ struct Block {
     ranks: Option<Numbers>,
     joints: Numbers,
     outcomes: SlotNumbers,
+    /// Which records have an outcome without a bin.
+    misfits: [bool; Numbers::LANES],
 }
 
 impl<'a> Sum<'a> {
@@ -88,6 +93,7 @@ impl<'a> Sum<'a> {
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
             outcomes: vec![Vec::with_capacity(records.len); records.observed(schema)],
+            counted: Vec::with_capacity(Numbers::LANES),
             transitions: 0,
         }
     }
@@ -95,11 +101,13 @@ impl<'a> Sum<'a> {
     fn block(&self, first: usize) -> Block {
         let (schema, records) = (self.schema, self.records);
         let is_ranked = self.listed.is_none();
+        let outcomes = schema.outcomes_at(&records.outcomes, &records.outcomes_present, first);
         Block {
             first,
             ranks: is_ranked.then(|| schema.ranks_at(&records.states, first)),
             joints: schema.joint_actions_at(&records.actions, &records.actions_present, first),
-            outcomes: schema.outcomes_at(&records.outcomes, &records.outcomes_present, first),
+            misfits: outcomes.misfits(),
+            outcomes,
         }
     }
 
@@ -109,11 +117,7 @@ impl<'a> Sum<'a> {
         let (Some(joint), Some(sum)) = (block.joints.get(lane), self.sum_with(n)) else {
             return Err(self.rejection(index, n));
         };
-        if self.is_no_step(index, n) {
-            return Err(self.rejection(index, n));
-        }
-        let misfits = |at| block.outcomes.get(lane, at) == SlotNumber::Misfit;
-        if (0..self.outcomes.len()).any(misfits) {
+        if self.is_no_step(index, n) || block.misfits[lane] {
             return Err(self.rejection(index, n));
         }
         // Last, for a state is listed only where something of it is counted.
@@ -130,13 +134,23 @@ impl<'a> Sum<'a> {
         self.transitions = sum;
         let tally = Tally { n, entries };
         self.cells.push((state, joint, tally));
-        for (at, cells) in self.outcomes.iter_mut().enumerate() {
-            let cell = self
-                .schema
-                .cell_of_outcome(at, joint, &block.outcomes, lane);
-            cells.extend(cell.map(|cell| (state, cell, tally)));
-        }
+        self.counted.push((lane, state, tally));
         Ok(())
+    }
+
+    /// Adds the cells of outcomes' families of those records of a block that are counted: family
+    /// after family, as their cells are found.
+    fn add_outcomes(&mut self, block: &Block) {
+        if !self.outcomes.is_empty() {
+            let found = self.schema.outcome_cells(&block.joints, &block.outcomes);
+            for (cells, found) in self.outcomes.iter_mut().zip(&found) {
+                let cell = |(lane, state, tally): &(usize, u64, Tally)| {
+                    Some((*state, found.get(*lane)?, *tally))
+                };
+                cells.extend(self.counted.iter().filter_map(cell));
+            }
+        }
+        self.counted.clear();
     }
 
     /// Returns the number of a record's state: its rank, or its position among those listed.

@@ -3,12 +3,12 @@
 
 use std::sync::Arc;
 
-use super::order::{At, Part, merged, sorted};
+use super::order::{At, Part, Sorted};
 use crate::domain::{Family, Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
-/// Cells that are gathered before they are sorted: few enough to stay in a cache of the processor.
-const UNSORTED: usize = 64_000;
+/// Cells that are gathered before they are sorted: few enough that sorting them takes some 32 MB.
+const UNSORTED: usize = 1 << 20;
 
 /// A state by its names.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -37,8 +37,7 @@ pub(in crate::store) struct Merged<'a> {
     listed: Vec<&'a StateKey>,
     positions: Map<&'a StateKey, u64>,
     segments: Vec<&'a str>,
-    /// In order, each once.
-    cells: Vec<(At, Tally)>,
+    cells: Sorted,
     /// What is not in `cells` yet.
     parts: Vec<Part<'a>>,
     /// How many cells that is.
@@ -82,7 +81,8 @@ impl<'a> Merged<'a> {
     fn settle(&mut self) {
         if self.unsorted > 0 {
             let parts = std::mem::take(&mut self.parts);
-            self.cells = merged(std::mem::take(&mut self.cells), sorted(&parts));
+            let sorted = Sorted::of(&parts, self.transitions);
+            self.cells = std::mem::take(&mut self.cells).merged(sorted);
             self.unsorted = 0;
         }
     }
@@ -133,10 +133,10 @@ impl<'a> Merged<'a> {
         self.settle();
         let cells = self.cells.iter();
         cells.map(|((state, segment, family, joint), _)| CellName {
-            state: name(&self.listed, *state),
-            segment: self.segments[*segment as usize],
-            family: Family::from_number(*family),
-            joint: *joint,
+            state: name(&self.listed, state),
+            segment: self.segments[segment as usize],
+            family: Family::from_number(family),
+            joint,
         })
     }
 
@@ -172,9 +172,8 @@ impl<'a> Merged<'a> {
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
-            let wanted = (state, segment as u32, cell.family.number(), cell.joint);
-            let found = self.cells.binary_search_by_key(&wanted, |(at, _)| *at);
-            found.is_ok()
+            let place = (state, segment as u32, cell.family.number(), cell.joint);
+            self.cells.has(place)
         })
     }
 
@@ -184,7 +183,7 @@ impl<'a> Merged<'a> {
         &mut self,
     ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
         self.settle();
-        std::mem::take(&mut self.cells).into_iter()
+        std::mem::take(&mut self.cells).into_cells()
     }
 }
 
@@ -220,7 +219,7 @@ mod tests {
             transitions: 1_000,
             ..Increment::default()
         };
-        let increments: Vec<Increment> = (0..90).map(|i| increment(i * 1_000)).collect();
+        let increments: Vec<Increment> = (0..1_200).map(|i| increment(i * 1_000)).collect();
 
         let mut merged = Merged::default();
         increments
@@ -234,12 +233,12 @@ mod tests {
             (
                 (i, 0, 0, i % 2),
                 Tally {
-                    n: 30,
-                    entries: Some(30),
+                    n: 400,
+                    entries: Some(400),
                 },
             )
         };
         assert_eq!(cells, (0..3_000).map(expected).collect::<Vec<_>>());
-        assert_eq!((merged.is_empty(), merged.transitions()), (true, 90_000));
+        assert_eq!((merged.is_empty(), merged.transitions()), (true, 1_200_000));
     }
 }

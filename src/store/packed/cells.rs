@@ -13,11 +13,13 @@
 //! tally   n << 2 | kind   [entries]                     kind: 0 unknown, 1 as many as n, 2 none, 3 follow
 //! ```
 
+use std::cmp::Ordering;
+
 use super::varint;
 use crate::domain::Tally;
 
 /// Where a cell is: the order of everything that is packed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub struct Place {
     /// The state's rank among those of its environment, or its number there; below 2^59.
     pub state: u64,
@@ -40,6 +42,30 @@ impl Place {
 
     fn strip(&self) -> (u64, u64, u64) {
         (self.state, self.segment, self.family)
+    }
+
+    /// The four in two numbers: a merge compares little else.
+    #[inline]
+    fn order(&self) -> (u128, u128) {
+        let both = |high: u64, low: u64| u128::from(high) << u64::BITS | u128::from(low);
+        (
+            both(self.state, self.segment),
+            both(self.family, self.joint),
+        )
+    }
+}
+
+impl Ord for Place {
+    #[inline]
+    fn cmp(&self, other: &Self) -> Ordering {
+        self.order().cmp(&other.order())
+    }
+}
+
+impl PartialOrd for Place {
+    #[inline]
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
     }
 }
 

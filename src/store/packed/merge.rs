@@ -1,7 +1,8 @@
 //! A k-way merge of sorted cells: equal ones are added together.
 
-use std::cmp::Reverse;
+use std::cmp::Ordering;
 use std::collections::BinaryHeap;
+use std::collections::binary_heap::PeekMut;
 use std::iter::Peekable;
 
 use super::cells::{Decoder, Place, Spoiled};
@@ -11,8 +12,30 @@ use crate::domain::Tally;
 pub struct Merge<'a> {
     sources: Vec<Peekable<Decoder<'a>>>,
     /// The next place of each source that has one.
-    heads: BinaryHeap<Reverse<(Place, usize)>>,
+    heads: BinaryHeap<Head>,
     spoiled: bool,
+}
+
+/// The next place of a source: the first is the greatest, as a heap wants it.
+#[derive(PartialEq, Eq)]
+struct Head {
+    place: Place,
+    source: usize,
+}
+
+impl Ord for Head {
+    #[inline]
+    fn cmp(&self, other: &Self) -> Ordering {
+        let place = other.place.cmp(&self.place);
+        place.then(other.source.cmp(&self.source))
+    }
+}
+
+impl PartialOrd for Head {
+    #[inline]
+    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
+        Some(self.cmp(other))
+    }
 }
 
 impl<'a> Merge<'a> {
@@ -31,7 +54,10 @@ impl<'a> Merge<'a> {
     #[inline]
     fn look(&mut self, source: usize) {
         match self.sources[source].peek() {
-            Some(Ok((place, _))) => self.heads.push(Reverse((*place, source))),
+            Some(Ok((place, _))) => self.heads.push(Head {
+                place: *place,
+                source,
+            }),
             Some(Err(Spoiled)) => self.spoiled = true,
             None => {}
         }
@@ -42,20 +68,23 @@ impl<'a> Merge<'a> {
     #[inline]
     fn take(&mut self, place: Option<Place>) -> Option<(Place, Tally)> {
         let mut head = self.heads.peek_mut()?;
-        let Reverse((first, source)) = *head;
+        let Head {
+            place: first,
+            source,
+        } = *head;
         if place.is_some_and(|place| place != first) {
             return None;
         }
         let (_, tally) = self.sources[source].next()?.ok()?;
         // The source keeps its place in the heap where it goes on: one sift instead of two.
         match self.sources[source].peek() {
-            Some(Ok((next, _))) => *head = Reverse((*next, source)),
+            Some(Ok((next, _))) => head.place = *next,
             Some(Err(Spoiled)) => {
                 self.spoiled = true;
-                std::collections::binary_heap::PeekMut::pop(head);
+                PeekMut::pop(head);
             }
             None => {
-                std::collections::binary_heap::PeekMut::pop(head);
+                PeekMut::pop(head);
             }
         }
         Some((first, tally))

@@ -322,32 +322,25 @@ impl Pending {
     ) -> Option<Task> {
         let inner = self.inner();
         let views = inner.views.as_ref()?;
-        let mut largest = None;
-        let mut all = 0;
-        for (id, view) in views {
-            if left_alone(*id) {
-                continue;
-            }
-            if let Some((tier, runs)) = view.unfolded.full_tier() {
-                return Some(Task::Merge(*id, tier, runs));
-            }
-            let cells = view.unfolded.len();
-            all += cells;
-            largest = largest.max(Some((cells >= limits.from(view), cells, *id)));
+        let tended = || views.iter().filter(|(id, _)| !left_alone(**id));
+
+        let mut under_way = tended().filter(|(_, view)| view.unfolded.is_folding());
+        let under_way = under_way.next().map(|(id, _)| *id);
+        // Not after merges: a fold that begins merges all that there is, whatever was merged before.
+        let due = match under_way {
+            Some(_) => None,
+            None => inner.due(limits, tended()),
+        };
+        let mut full = tended().filter_map(|(id, view)| Some((*id, view.unfolded.full_tier()?)));
+        if let (None, Some((id, (tier, runs)))) = (due, full.next()) {
+            return Some(Task::Merge(id, tier, runs));
         }
 
-        let mut tended = views.iter().filter(|(id, _)| !left_alone(**id));
-        let under_way = tended.clone().find(|(_, view)| view.unfolded.is_folding());
-        let fold = under_way.map(|(id, _)| *id);
-        let is_due = all >= limits.from || (all > 0 && inner.has_waited_long());
-        let fold = fold.or(largest
-            .filter(|(is_large, ..)| is_due || *is_large)
-            .map(|(.., id)| id));
-        if let Some(id) = fold {
-            return Some(self::fold(id, &views[&id]));
+        if let Some(id) = due.or(under_way) {
+            return Some(fold(id, &views[&id]));
         }
-        let unmoved = tended.find(|(_, view)| view.unmoved);
-        unmoved.map(|(id, _)| Task::Move(*id))
+        let mut unmoved = tended().filter(|(_, view)| view.unmoved);
+        unmoved.next().map(|(id, _)| Task::Move(*id))
     }
 
     /// Waits until something was added, or has waited long.
@@ -369,6 +362,24 @@ impl Pending {
 }
 
 impl Inner {
+    /// Returns the environment whose journal is to be folded next, where one is due: the largest, of
+    /// those beyond their limits first.
+    fn due<'v>(
+        &self,
+        limits: FoldLimits,
+        views: impl Iterator<Item = (&'v EnvironmentId, &'v View)>,
+    ) -> Option<EnvironmentId> {
+        let (mut largest, mut all) = (None, 0);
+        for (id, view) in views {
+            let cells = view.unfolded.len();
+            all += cells;
+            largest = largest.max(Some((cells >= limits.from(view), cells, *id)));
+        }
+        let is_due = all >= limits.from || (all > 0 && self.has_waited_long());
+        let largest = largest.filter(|(is_large, ..)| is_due || *is_large);
+        largest.map(|(.., id)| id)
+    }
+
     fn has_waited_long(&self) -> bool {
         self.last_fold
             .is_none_or(|last| last.elapsed() >= LONGEST_WAIT)

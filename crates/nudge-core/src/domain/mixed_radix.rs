@@ -5,7 +5,7 @@
 //! all of them (SIMD, as the compiler finds it).
 
 use super::feature::MISFIT;
-use super::{Agent, Feature, FeatureKind, Outcome, Presence, Schema, Values};
+use super::{Agent, Feature, FeatureKind, Presence, Schema, Values};
 
 /// One number a record; none where a value of it has no bin.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -86,17 +86,30 @@ pub struct SlotNumbers {
     slots: Vec<Numbers>,
     present: Presence,
     first: usize,
+    /// How many records there are: fewer than lanes in the last block.
+    records: usize,
 }
 
 impl SlotNumbers {
     /// Returns the number of a slot of a record, where it has a value.
     #[inline]
     pub fn get(&self, lane: usize, slot: usize) -> SlotNumber {
-        if self.slots.is_empty() || !self.has(lane, slot) {
+        if lane >= self.records || !self.has(lane, slot) {
             return SlotNumber::Missing;
         }
         let number = self.slots[slot].get(lane);
         number.map_or(SlotNumber::Misfit, SlotNumber::Of)
+    }
+
+    /// Returns of each record whether any of its values has no bin.
+    pub fn misfits(&self) -> [bool; Numbers::LANES] {
+        let mut misfits = [false; Numbers::LANES];
+        for slot in 0..self.slots.len() {
+            for (lane, misfits) in misfits.iter_mut().enumerate() {
+                *misfits |= self.get(lane, slot) == SlotNumber::Misfit;
+            }
+        }
+        misfits
     }
 
     #[inline]
@@ -175,7 +188,8 @@ fn slots_at<'s>(
     present: &Presence,
     first: usize,
 ) -> SlotNumbers {
-    let width = slots.clone().map(<[Feature]>::len).sum();
+    let width: usize = slots.clone().map(<[Feature]>::len).sum();
+    let records = values.len().checked_div(width).unwrap_or(0);
     let mut at = 0;
     let numbers = slots.map(|slot| {
         let kinds = slot.iter().map(|feature| &feature.kind);
@@ -187,6 +201,7 @@ fn slots_at<'s>(
         slots: numbers.collect(),
         present: present.clone(),
         first,
+        records: records.saturating_sub(first).min(Numbers::LANES),
     }
 }
 
@@ -200,28 +215,71 @@ fn letter(agent: &Agent, action: SlotNumber) -> Option<u64> {
 }
 
 impl Schema {
-    /// Returns the cell of an outcome's family that a record counts in; `None` where it counts in
-    /// none, because the outcome is missing, or what it is counted beside is. An agent that may be
-    /// absent and has no action one step before was absent then.
-    pub fn cell_of_outcome(
+    /// Returns the cells of every outcome's family that records with these joint actions count in;
+    /// none for a record where the outcome is missing, or what it is counted beside is. An agent that
+    /// may be absent and has no action one step before was absent then.
+    pub fn outcome_cells(&self, joints: &Numbers, observed: &SlotNumbers) -> Vec<Numbers> {
+        // What is divided is divided once for all lags of an agent.
+        let without: Vec<Numbers> = (0..self.agents().len())
+            .map(|agent| self.without(joints, agent))
+            .collect();
+        let cells = |outcome| self.cells_beside(outcome, joints, &without, observed);
+        (0..observed.slots.len()).map(cells).collect()
+    }
+
+    /// Returns joint actions with the first letter in the place of an agent's own; nothing where the
+    /// agent's later actions are counted beside none but these.
+    fn without(&self, joints: &Numbers, agent: usize) -> Numbers {
+        let of_agent = |at: &usize| self.outcomes()[*at].agent == Some(agent);
+        let mut outcomes = (0..self.outcomes().len()).filter(of_agent);
+        if !outcomes.any(|at| self.own_before(at).is_some()) {
+            return Numbers([NONE; Numbers::LANES]);
+        }
+        Numbers(joints.0.map(|joint| match joint {
+            NONE => NONE,
+            joint => self.with_letter(joint, agent, 0),
+        }))
+    }
+
+    fn cells_beside(
         &self,
         outcome: usize,
-        joint: u64,
+        joints: &Numbers,
+        without: &[Numbers],
         observed: &SlotNumbers,
-        lane: usize,
-    ) -> Option<u64> {
-        let Outcome { agent, .. } = &self.outcomes()[outcome];
-        let SlotNumber::Of(value) = observed.get(lane, outcome) else {
-            return None;
-        };
-        let joint = match (*agent, self.own_before(outcome)) {
+    ) -> Numbers {
+        let beside = match (self.outcomes()[outcome].agent, self.own_before(outcome)) {
             (Some(agent), Some(before)) => {
-                let own = letter(&self.agents()[agent], observed.get(lane, before))?;
-                self.with_letter(joint, agent, own)
+                &self.with_letters_before(agent, before, &without[agent], observed)
             }
-            _ => joint,
+            _ => joints,
         };
-        Some(joint * self.outcomes()[outcome].values() + value)
+
+        let values = self.outcomes()[outcome].values();
+        Numbers(std::array::from_fn(|lane| {
+            match (observed.get(lane, outcome), beside.0[lane]) {
+                (SlotNumber::Of(value), joint) if joint != NONE => joint * values + value,
+                _ => NONE,
+            }
+        }))
+    }
+
+    /// Returns joint actions with what an agent did one step before an outcome.
+    fn with_letters_before(
+        &self,
+        agent: usize,
+        before: usize,
+        without: &Numbers,
+        observed: &SlotNumbers,
+    ) -> Numbers {
+        let (stride, actor) = (self.stride(agent), &self.agents()[agent]);
+        Numbers(std::array::from_fn(|lane| {
+            let own = letter(actor, observed.get(lane, before));
+            match (own, without.0[lane]) {
+                (Some(own), joint) if joint != NONE => joint + own * stride,
+                _ => NONE,
+            }
+        }))
     }
 }
 

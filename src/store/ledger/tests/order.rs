@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use proptest::prelude::*;
 
 use crate::domain::Tally;
-use crate::store::ledger::order::{At, Part, merged, sorted};
+use crate::store::ledger::order::{At, Part, Sorted};
 
 /// A batch of numbers up to one, small ones often.
 #[derive(Debug, Clone)]
@@ -17,7 +17,8 @@ struct Batch {
 }
 
 fn batch(most: u64) -> impl Strategy<Value = Batch> {
-    let tally = (1u64..9, any::<Option<bool>>()).prop_map(|(n, entered)| Tally {
+    let n = prop_oneof![20 => 1u64..9, 1 => Just(u64::from(u32::MAX) / 200)];
+    let tally = (n, any::<Option<bool>>()).prop_map(|(n, entered)| Tally {
         n,
         entries: entered.map(|entered| n * u64::from(entered)),
     });
@@ -66,6 +67,12 @@ fn parts(batches: &[Batch]) -> Vec<Part<'_>> {
     parts
 }
 
+/// Returns the visits of all cells together.
+fn visits(parts: &[Part<'_>]) -> u64 {
+    let cells = parts.iter().flat_map(Part::cells);
+    cells.map(|(_, tally)| tally.n).sum()
+}
+
 fn expected(parts: &[Part<'_>]) -> Vec<(At, Tally)> {
     let mut sums = BTreeMap::new();
     for (at, tally) in parts.iter().flat_map(Part::cells) {
@@ -78,14 +85,23 @@ proptest! {
     #[test]
     fn cells_are_in_order_and_each_once(batches in batches()) {
         let parts = parts(&batches);
-        prop_assert_eq!(sorted(&parts), expected(&parts));
+        let (sorted, expected) = (Sorted::of(&parts, visits(&parts)), expected(&parts));
+
+        prop_assert!(expected.iter().all(|(at, _)| sorted.has(*at)));
+        for (at, _) in &expected {
+            let beside = (at.0, at.1 ^ 1 << 20, at.2, at.3 ^ 1 << 40);
+            prop_assert_eq!(sorted.has(beside), expected.binary_search_by_key(&beside, |(at, _)| *at).is_ok());
+        }
+        prop_assert_eq!(sorted.into_cells().collect::<Vec<_>>(), expected);
     }
 
     #[test]
     fn what_was_sorted_apart_is_merged(batches in batches(), at in any::<proptest::sample::Index>()) {
         let parts = parts(&batches);
         let (a, b) = parts.split_at(at.index(parts.len() + 1));
-        prop_assert_eq!(merged(sorted(a), sorted(b)), expected(&parts));
+        let visits = visits(&parts);
+        let merged = Sorted::of(a, visits).merged(Sorted::of(b, visits));
+        prop_assert_eq!(merged.iter().collect::<Vec<_>>(), expected(&parts));
     }
 }
 
@@ -106,5 +122,32 @@ fn all_of_64_bits_are_sorted_by() {
         family: 0,
         numbers: None,
     }];
-    assert_eq!(sorted(&parts), expected(&parts));
+    let sorted = Sorted::of(&parts, visits(&parts));
+    assert!(matches!(sorted, Sorted::Packed(..)));
+    assert_eq!(sorted.into_cells().collect::<Vec<_>>(), expected(&parts));
+}
+
+#[test]
+fn sums_of_more_than_32_bits_are_kept() {
+    let most = u64::from(u32::MAX) - 1;
+    let one = |n| (7, 3, Tally { n, entries: None });
+    for (n, is_packed) in [(most - 255, true), (most, false)] {
+        let cells: Vec<_> = (0..255).map(|_| one(1)).chain([one(n)]).collect();
+        let parts = [Part {
+            cells: &cells,
+            segment: 0,
+            family: 0,
+            numbers: None,
+        }];
+        let sorted = Sorted::of(&parts, n + 255);
+        assert_eq!(matches!(sorted, Sorted::Packed(..)), is_packed, "{n}");
+        let sum = Tally {
+            n: n + 255,
+            entries: None,
+        };
+        assert_eq!(
+            sorted.into_cells().collect::<Vec<_>>(),
+            [((7, 0, 0, 3), sum)]
+        );
+    }
 }

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
-use crate::domain::{Agent, Family, Presence, Schema, SchemaDraft, Values};
+use crate::domain::{Agent, Family, Numbers, Presence, Schema, SchemaDraft, Values};
 
 fn feature(name: &str, kind: KindDraft) -> FeatureDraft {
     FeatureDraft {
@@ -340,26 +340,30 @@ fn lagged(may_be_absent: bool) -> Schema {
     schema(&draft)
 }
 
-fn cells(schema: &Schema, joint: u64, observed: &[Option<f32>]) -> Vec<Option<[u64; 4]>> {
+fn cells(schema: &Schema, actions: [f32; 3], observed: &[Option<f32>]) -> Vec<Option<[u64; 4]>> {
     let values: Vec<f32> = observed.iter().map(|value| value.unwrap_or(0.0)).collect();
     let present = Presence::of(observed.iter().map(Option::is_some));
     let observed = schema.outcomes_at(&values.into(), &present, 0);
-    let cell = |at| {
-        let cell = schema.cell_of_outcome(at, joint, &observed, 0)?;
-        assert!(cell < schema.cells_of_family(Family::of_outcome(at))?);
-        let (joint, value) = schema.split(Family::of_outcome(at), cell);
-        let [a, b, c] = [0, 1, 2].map(|agent| schema.action_of(joint, agent));
-        Some([a, b, c, value])
-    };
-    (0..schema.outcomes().len()).map(cell).collect()
+    let joints = schema.joint_actions_at(&actions.to_vec().into(), &Presence::default(), 0);
+    let cells = schema.outcome_cells(&joints, &observed);
+    let cell = |(at, cells): (usize, &Numbers)| split(schema, at, cells.get(0)?);
+    cells.iter().enumerate().map(cell).collect()
+}
+
+/// Returns the letters of all agents in a cell of an outcome's family, and the outcome's value.
+fn split(schema: &Schema, outcome: usize, cell: u64) -> Option<[u64; 4]> {
+    let family = Family::of_outcome(outcome);
+    assert!(cell < schema.cells_of_family(family)?);
+    let (joint, value) = schema.split(family, cell);
+    let [a, b, c] = [0, 1, 2].map(|agent| schema.action_of(joint, agent));
+    Some([a, b, c, value])
 }
 
 #[test]
 fn a_later_action_is_counted_beside_the_one_before_it() {
     let schema = lagged(false);
-    let joint = schema.joint_action(&[1.0, -1.0, 0.0]).expect("valid");
     let all = [0.0, 1.0, 2.0, 1.0, 1.0].map(Some);
-    let found = cells(&schema, joint, &all);
+    let found = cells(&schema, [1.0, -1.0, 0.0], &all);
     let expected = [
         // a@2 beside a@1, a@1 beside a now, b@3 beside b now (b@2 is none), a@3 beside a@2.
         [1, 1, 0, 0],
@@ -377,14 +381,14 @@ fn a_later_action_is_counted_beside_the_one_before_it() {
 fn what_is_missing_counts_nowhere_and_an_absence_is_known() {
     // a@1 is missing, so that a@2 has nothing to be counted beside, unless a may be absent.
     let observed = [Some(0.0), None, None, Some(1.0), Some(1.0)];
-    let joint = |schema: &Schema| schema.joint_action(&[1.0, -1.0, 0.0]).expect("valid");
+    let actions = [1.0, -1.0, 0.0];
     let schema = lagged(false);
-    let found = cells(&schema, joint(&schema), &observed);
+    let found = cells(&schema, actions, &observed);
     let expected = [None, None, None, Some([0, 1, 0, 1]), Some([1, 1, 0, 1])];
     assert_eq!(found, expected);
 
     let schema = lagged(true);
-    let found = cells(&schema, joint(&schema), &observed);
+    let found = cells(&schema, actions, &observed);
     assert_eq!(
         found[0],
         Some([2, 1, 0, 0]),
@@ -393,7 +397,9 @@ fn what_is_missing_counts_nowhere_and_an_absence_is_known() {
     assert_eq!(found[1..], expected[1..]);
 
     let nothing = schema.outcomes_at(&Values::default(), &Presence::default(), 0);
-    assert_eq!(schema.cell_of_outcome(0, 0, &nothing, 0), None);
+    let joints = schema.joint_actions_at(&actions.to_vec().into(), &Presence::default(), 0);
+    assert_eq!(schema.outcome_cells(&joints, &nothing), []);
+    assert_eq!(nothing.misfits(), [false; Numbers::LANES]);
 }
 
 proptest! {
@@ -408,19 +414,18 @@ proptest! {
         let values: Vec<f32> = rows.iter().flat_map(|(.., row)| observed(row).map(|value| value.unwrap_or(0.0))).collect();
         let present = Presence::of(rows.iter().flat_map(|(.., row)| row.map(|value| value.is_some())));
         let values = Values::from(values);
-        for (at, (a, b, row)) in rows.iter().enumerate() {
-            let joint = schema.joint_action(&[f32::from(*a), f32::from(*b), 0.0]).expect("valid");
-            let (first, lane) = (at - at % 64, at % 64);
+        let actions = |a: u8, b: i8| [f32::from(a), f32::from(b), 0.0];
+        let all_actions: Vec<f32> = rows.iter().flat_map(|(a, b, _)| actions(*a, *b)).collect();
+        let all_actions = Values::from(all_actions);
+        for first in (0..rows.len()).step_by(Numbers::LANES) {
             let block = schema.outcomes_at(&values, &present, first);
-            let alone = cells(&schema, joint, &observed(row));
-            for (outcome, alone) in alone.iter().enumerate() {
-                let cell = schema.cell_of_outcome(outcome, joint, &block, lane);
-                let split = cell.map(|cell| {
-                    let (joint, value) = schema.split(Family::of_outcome(outcome), cell);
-                    let [a, b, c] = [0, 1, 2].map(|agent| schema.action_of(joint, agent));
-                    [a, b, c, value]
+            let joints = schema.joint_actions_at(&all_actions, &Presence::default(), first);
+            let found = schema.outcome_cells(&joints, &block);
+            for (lane, (a, b, row)) in rows[first..].iter().take(Numbers::LANES).enumerate() {
+                let found = found.iter().enumerate().map(|(outcome, cells)| {
+                    split(&schema, outcome, cells.get(lane)?)
                 });
-                prop_assert_eq!(&split, alone);
+                prop_assert_eq!(found.collect::<Vec<_>>(), cells(&schema, actions(*a, *b), &observed(row)));
             }
         }
     }
