@@ -8,11 +8,10 @@
 
 use super::base::Base;
 use super::counted::Counted;
-use super::cut::SegmentWeights;
 use super::habits::{Habits, Segments, Uses, margins};
 use super::likelihood::{Likelihood, NullMixture};
 use super::parameters::{ExpectedCounts, ExpectedFamilies, Parameters};
-use super::state::State;
+use super::state::{Round, State};
 use crate::information::{Alphabet, Table};
 
 /// Rounds of the fit, from [`Parameters::cold`]: without slabs of one deviating row, then with them
@@ -167,12 +166,12 @@ fn round(states: &[State], parameters: &Parameters) -> Parameters {
     let (mut dependent, mut expected) =
         (0.0, [ExpectedCounts::default(), ExpectedCounts::default()]);
     let mut segmented = ExpectedFamilies::default();
-    let weights = SegmentWeights::new(parameters);
+    let round = Round::new(parameters);
 
     for state in states {
-        let responsibilities = state.responsibilities(parameters, &weights);
+        let responsibilities = state.responsibilities(&round);
         dependent += 1.0 - responsibilities.independent;
-        state.expect(&responsibilities, parameters, &mut expected, &mut segmented);
+        state.expect(&responsibilities, &round, &mut expected, &mut segmented);
     }
     Parameters::estimated(states.len() as f64, dependent, &expected, segmented)
 }

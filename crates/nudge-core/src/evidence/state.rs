@@ -1,8 +1,6 @@
 //! Marginal likelihoods of one state under every hypothesis, kept for the E-step of EM: weights are
 //! fitted to them over and over.
 
-use std::borrow::Cow;
-
 use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
@@ -31,6 +29,44 @@ pub(super) struct Side {
     /// Relative to the null, as are the deviants.
     own: Scaled<OWN_GRID>,
     deviants: Option<Scaled<DEVIANTS>>,
+}
+
+/// The weights of one round of EM, with what follows from them for every state alike.
+pub(super) struct Round<'a> {
+    parameters: &'a Parameters,
+    segments: SegmentWeights,
+    /// By side: the weights of the slabs on fixed bases for a state of several slices, whose habits
+    /// are as usual as they say.
+    usual: [[f64; FIXED]; 2],
+}
+
+impl<'a> Round<'a> {
+    /// Begins a round by these parameters.
+    pub fn new(parameters: &'a Parameters) -> Self {
+        let usual = |side: &SideParameters| {
+            let usual = usual_habits(&side.nulls);
+            std::array::from_fn(|slab| side.slabs[slab] * usual[slab])
+        };
+        Self {
+            parameters,
+            segments: SegmentWeights::new(parameters),
+            usual: parameters.sides.each_ref().map(usual),
+        }
+    }
+
+    fn side(&self, at: usize) -> SideWeights<'_> {
+        SideWeights {
+            parameters: &self.parameters.sides[at],
+            usual: &self.usual[at],
+        }
+    }
+}
+
+/// The weights of one side in a round of EM.
+#[derive(Clone, Copy)]
+struct SideWeights<'a> {
+    parameters: &'a SideParameters,
+    usual: &'a [f64; FIXED],
 }
 
 /// The responsibilities of a state's hypotheses: their probabilities by the present weights.
@@ -97,15 +133,16 @@ impl State {
     }
 
     /// Returns the responsibilities of its hypotheses, the E-step of EM.
-    pub fn responsibilities(
-        &self,
-        parameters: &Parameters,
-        weights: &SegmentWeights,
-    ) -> Responsibilities {
+    pub fn responsibilities(&self, round: &Round<'_>) -> Responsibilities {
+        let Round {
+            parameters,
+            segments: weights,
+            ..
+        } = round;
         let ln_dependent = parameters.dependent.ln();
         let mut shared = [0, 1].map(|at| {
             self.sides[at]
-                .ln_hypotheses(&parameters.sides[at])
+                .ln_hypotheses(round.side(at))
                 .map(|ln| ln + ln_dependent)
         });
 
@@ -179,7 +216,7 @@ impl State {
     pub fn expect(
         &self,
         responsibilities: &Responsibilities,
-        parameters: &Parameters,
+        round: &Round<'_>,
         expected: &mut [ExpectedCounts; 2],
         segmented: &mut ExpectedFamilies,
     ) {
@@ -200,7 +237,7 @@ impl State {
         };
 
         for side in 0..2 {
-            let (of_side, expected) = (&parameters.sides[side], &mut expected[side]);
+            let (of_side, expected) = (round.side(side), &mut expected[side]);
             // Where the other variable responds, this one's habits are told by its margin alone.
             let free = independent + total(1 - side);
             let [fixed, own, deviant] = shared[side];
@@ -216,7 +253,7 @@ impl State {
             parts[side].expect(
                 [cut[side], one[side]],
                 likeliest[side],
-                of_side,
+                of_side.parameters,
                 &mut expected.slabs,
             );
 
@@ -289,12 +326,12 @@ impl Side {
 
     /// Returns, relative to the null, how likely the state is under all slabs on fixed bases, on
     /// its own marginal, and of one deviating row.
-    fn ln_hypotheses(&self, parameters: &SideParameters) -> [f64; 3] {
-        let SideParameters { nulls, slabs, .. } = parameters;
+    fn ln_hypotheses(&self, weights: SideWeights<'_>) -> [f64; 3] {
+        let SideParameters { nulls, slabs, .. } = weights.parameters;
 
         [
-            self.fixed.ln_weighted(&self.on_fixed_bases(parameters)) + self.anchors.ln(nulls)
-                - self.ln_null(parameters),
+            self.fixed.ln_weighted(self.on_fixed_bases(weights)) + self.anchors.ln(nulls)
+                - self.ln_null(weights.parameters),
             self.own.ln_weighted(&slabs[OWN_SLABS]),
             self.deviants
                 .as_ref()
@@ -306,15 +343,12 @@ impl Side {
 
     /// Returns the weights of the slabs on fixed bases: as they are for a state of one slice, which
     /// most are.
-    fn on_fixed_bases<'w>(&self, parameters: &'w SideParameters) -> Cow<'w, [f64]> {
-        let SideParameters { nulls, slabs, .. } = parameters;
-        let weights = &slabs[..FIXED];
-        if !self.nulls.are_several() {
-            return Cow::Borrowed(weights);
+    fn on_fixed_bases<'w>(&self, weights: SideWeights<'w>) -> &'w [f64] {
+        if self.nulls.are_several() {
+            weights.usual
+        } else {
+            &weights.parameters.slabs[..FIXED]
         }
-
-        let usual = usual_habits(nulls).into_iter();
-        usual.zip(weights).map(|(usual, w)| w * usual).collect()
     }
 
     fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
@@ -327,13 +361,13 @@ impl Side {
         &self,
         [fixed, own, deviant]: [f64; 3],
         null: f64,
-        parameters: &SideParameters,
+        weights: SideWeights<'_>,
         expected: &mut ExpectedCounts,
     ) {
-        let SideParameters { nulls, slabs, .. } = parameters;
+        let SideParameters { nulls, slabs, .. } = weights.parameters;
         self.fixed.share(
             fixed,
-            &self.on_fixed_bases(parameters),
+            self.on_fixed_bases(weights),
             &mut expected.slabs[..FIXED],
         );
         self.own
