@@ -16,10 +16,16 @@ impl<const L: usize> Scaled<L> {
     }
 
     pub fn ln_weighted(&self, weights: &[f64]) -> f64 {
-        self.ln_scale + self.weighted(weights).ln()
+        self.ln(self.weighted(weights))
     }
 
-    fn weighted(&self, weights: &[f64]) -> f64 {
+    /// Returns the logarithm of a weighted sum of the parts, with their scale.
+    pub fn ln(&self, weighted: f64) -> f64 {
+        self.ln_scale + weighted.ln()
+    }
+
+    /// Returns the weighted sum of the parts.
+    pub fn weighted(&self, weights: &[f64]) -> f64 {
         self.parts
             .iter()
             .zip(weights)
@@ -29,7 +35,12 @@ impl<const L: usize> Scaled<L> {
 
     /// Adds a number of states to the components, in proportion to their weighted parts.
     pub fn share(&self, states: f64, weights: &[f64], expected: &mut [f64]) {
-        let scale = states / self.weighted(weights);
+        self.share_of(self.weighted(weights), states, weights, expected);
+    }
+
+    /// Does the same, given the weighted sum of the parts.
+    pub fn share_of(&self, weighted: f64, states: f64, weights: &[f64], expected: &mut [f64]) {
+        let scale = states / weighted;
         for ((expected, part), weight) in expected.iter_mut().zip(self.parts).zip(weights) {
             *expected += scale * part * weight;
         }

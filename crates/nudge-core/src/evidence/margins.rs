@@ -100,33 +100,54 @@ impl FittedMargins {
         self.together.is_some()
     }
 
-    /// Returns ln of the null, given the weights of its components.
-    pub fn ln(&self, weights: &[f64]) -> f64 {
-        let apart = self.ln_apart(weights);
-        self.together.as_ref().map_or(apart, |together| {
-            ln_either(apart, together.ln_weighted(weights))
-        })
-    }
-
-    fn ln_apart(&self, weights: &[f64]) -> f64 {
-        self.apart
+    /// Mixes the components by their weights.
+    pub fn mixed(&self, weights: &[f64]) -> MixedMargins {
+        let apart: Vec<f64> = self
+            .apart
             .iter()
-            .map(|slice| slice.ln_weighted(weights))
-            .sum()
+            .map(|slice| slice.weighted(weights))
+            .collect();
+        let slices = self.apart.iter().zip(&apart);
+        MixedMargins {
+            ln_apart: slices.map(|(slice, sum)| slice.ln(*sum)).sum(),
+            apart,
+            ln_together: self
+                .together
+                .as_ref()
+                .map(|together| together.ln_weighted(weights)),
+        }
     }
 
     /// Adds a number of states to the components: one a slice where they are apart, one for all
-    /// where they are together.
-    pub fn share(&self, states: f64, weights: &[f64], expected: &mut [f64]) {
-        let together = self.together.as_ref().map_or(0.0, |together| {
-            let beyond = self.ln_apart(weights) - together.ln_weighted(weights);
+    /// where they are together. `mixed` is what the weights make of the margins.
+    pub fn share(&self, mixed: &MixedMargins, states: f64, weights: &[f64], expected: &mut [f64]) {
+        let both = self.together.as_ref().zip(mixed.ln_together);
+        let together = both.map_or(0.0, |(together, ln_together)| {
+            let beyond = mixed.ln_apart - ln_together;
             let share = states / (1.0 + beyond.exp());
             together.share(share, weights, expected);
             share
         });
-        self.apart
-            .iter()
-            .for_each(|slice| slice.share(states - together, weights, expected));
+        for (slice, weighted) in self.apart.iter().zip(&mixed.apart) {
+            slice.share_of(*weighted, states - together, weights, expected);
+        }
+    }
+}
+
+/// The margins of slices, mixed by the weights of the null's components.
+pub(super) struct MixedMargins {
+    /// By slice: the weighted sum of its parts.
+    apart: Vec<f64>,
+    ln_apart: f64,
+    /// `None` of a single slice.
+    ln_together: Option<f64>,
+}
+
+impl MixedMargins {
+    /// Returns ln of the null.
+    pub fn ln(&self) -> f64 {
+        self.ln_together
+            .map_or(self.ln_apart, |together| ln_either(self.ln_apart, together))
     }
 }
 
@@ -147,7 +168,10 @@ mod tests {
         for slice in slices {
             margins.add(slice, nulls.ln_mixed(slice));
         }
-        [margins.ln(&nulls), FittedMargins::new(slices).ln(&WEIGHTS)]
+        [
+            margins.ln(&nulls),
+            FittedMargins::new(slices).mixed(&WEIGHTS).ln(),
+        ]
     }
 
     fn close(left: f64, right: f64) -> bool {
@@ -174,7 +198,8 @@ mod tests {
     fn components_are_counted_as_often_as_they_were_drawn() {
         let counted = |slices: &[[f64; NULLS]]| {
             let mut expected = [0.0; NULLS];
-            FittedMargins::new(slices).share(1.0, &WEIGHTS, &mut expected);
+            let margins = FittedMargins::new(slices);
+            margins.share(&margins.mixed(&WEIGHTS), 1.0, &WEIGHTS, &mut expected);
             expected
         };
         assert!(close(counted(&[by(3)])[3], 1.0));

@@ -5,7 +5,7 @@ use super::cut::{Cut, SegmentWeights};
 use super::increments::add;
 use super::likelihood::{Likelihood, NullMixture, columns};
 use super::log_space::Scaled;
-use super::margins::{FittedMargins, usual_habits};
+use super::margins::{FittedMargins, MixedMargins, usual_habits};
 use super::parameters::{
     APART, DEVIANT_SLABS, DEVIANTS, ExpectedCounts, ExpectedFamilies, FIXED, HABITS, OWN_GRID,
     OWN_SLABS, Parameters, SideParameters,
@@ -69,9 +69,16 @@ struct SideWeights<'a> {
     usual: &'a [f64; FIXED],
 }
 
+/// The margins of one side of a state, mixed by the present weights.
+struct SideMargins {
+    nulls: MixedMargins,
+    anchors: MixedMargins,
+}
+
 /// The responsibilities of a state's hypotheses: their probabilities by the present weights.
 pub(super) struct Responsibilities {
     pub independent: f64,
+    margins: [SideMargins; 2],
     /// By side: of the slabs on fixed bases, of those on the state's own marginal, and of the
     /// deviants.
     shared: [[f64; 3]; 2],
@@ -140,9 +147,10 @@ impl State {
             ..
         } = round;
         let ln_dependent = parameters.dependent.ln();
+        let margins = [0, 1].map(|at| self.sides[at].margins(&parameters.sides[at].nulls));
         let mut shared = [0, 1].map(|at| {
             self.sides[at]
-                .ln_hypotheses(round.side(at))
+                .ln_hypotheses(round.side(at), &margins[at])
                 .map(|ln| ln + ln_dependent)
         });
 
@@ -154,7 +162,7 @@ impl State {
             let more = weights.cut + ln_dependent;
             for side in 0..2 {
                 let of_side = &parameters.sides[side];
-                let pooled = self.sides[side].ln_null(of_side);
+                let pooled = margins[side].nulls.ln();
                 let habits = parts[side].habits(pooled, &weights.habits[side]);
 
                 shared[side]
@@ -204,6 +212,7 @@ impl State {
 
         Responsibilities {
             independent: share(part(independent)),
+            margins,
             shared: shared.map(|side| side.map(share)),
             cut: cut.map(|side| side.map(share)),
             one: one.map(|side| side.map(share)),
@@ -222,6 +231,7 @@ impl State {
     ) {
         let Responsibilities {
             independent,
+            margins,
             shared,
             cut,
             one,
@@ -242,14 +252,16 @@ impl State {
             let free = independent + total(1 - side);
             let [fixed, own, deviant] = shared[side];
 
+            let margins = &margins[side];
             let Some(parts) = &self.cut else {
-                self.sides[side].expect(shared[side], free + own + deviant, of_side, expected);
+                let null = free + own + deviant;
+                self.sides[side].expect(shared[side], null, of_side, margins, expected);
                 continue;
             };
 
             let alike = habits[side][0];
             let null = free * alike + own + deviant;
-            self.sides[side].expect([fixed, own, deviant], null, of_side, expected);
+            self.sides[side].expect([fixed, own, deviant], null, of_side, margins, expected);
             parts[side].expect(
                 [cut[side], one[side]],
                 likeliest[side],
@@ -326,12 +338,12 @@ impl Side {
 
     /// Returns, relative to the null, how likely the state is under all slabs on fixed bases, on
     /// its own marginal, and of one deviating row.
-    fn ln_hypotheses(&self, weights: SideWeights<'_>) -> [f64; 3] {
-        let SideParameters { nulls, slabs, .. } = weights.parameters;
+    fn ln_hypotheses(&self, weights: SideWeights<'_>, margins: &SideMargins) -> [f64; 3] {
+        let slabs = &weights.parameters.slabs;
 
         [
-            self.fixed.ln_weighted(self.on_fixed_bases(weights)) + self.anchors.ln(nulls)
-                - self.ln_null(weights.parameters),
+            self.fixed.ln_weighted(self.on_fixed_bases(weights)) + margins.anchors.ln()
+                - margins.nulls.ln(),
             self.own.ln_weighted(&slabs[OWN_SLABS]),
             self.deviants
                 .as_ref()
@@ -351,8 +363,11 @@ impl Side {
         }
     }
 
-    fn ln_null(&self, SideParameters { nulls, .. }: &SideParameters) -> f64 {
-        self.nulls.ln(nulls)
+    fn margins(&self, nulls: &[f64]) -> SideMargins {
+        SideMargins {
+            nulls: self.nulls.mixed(nulls),
+            anchors: self.anchors.mixed(nulls),
+        }
     }
 
     /// Adds the state to the components in proportion to their probabilities; all but slabs on
@@ -362,6 +377,7 @@ impl Side {
         [fixed, own, deviant]: [f64; 3],
         null: f64,
         weights: SideWeights<'_>,
+        margins: &SideMargins,
         expected: &mut ExpectedCounts,
     ) {
         let SideParameters { nulls, slabs, .. } = weights.parameters;
@@ -381,7 +397,9 @@ impl Side {
             );
         }
 
-        self.nulls.share(null, nulls, &mut expected.nulls);
-        self.anchors.share(fixed, nulls, &mut expected.nulls);
+        self.nulls
+            .share(&margins.nulls, null, nulls, &mut expected.nulls);
+        self.anchors
+            .share(&margins.anchors, fixed, nulls, &mut expected.nulls);
     }
 }
