@@ -24,6 +24,10 @@ pub struct ActionPosterior {
 const DRAWS: usize = 500;
 const CELLS: usize = 200_000;
 const FEWEST_DRAWS: usize = 100;
+/// The most cells drawn, where that leaves as many draws: of hundreds of thousands of cells, a
+/// figure of an action is a mean over dozens of slices, which needs fewer.
+const MOST_CELLS: usize = 10_000_000;
+const FEWEST_OF_MANY: usize = 20;
 
 /// The most segments that figures are means over: those that were visited most.
 const MOST_PARTS: usize = 30;
@@ -54,7 +58,10 @@ impl Prior {
         let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
         let mut rng = draws.generator();
         let [egos, others] = draws.sizes();
-        let times = (CELLS / (egos * others * draws.slices.len())).clamp(FEWEST_DRAWS, DRAWS);
+        let cells = egos * others * draws.slices.len();
+        let times = (CELLS / cells)
+            .clamp(FEWEST_DRAWS, DRAWS)
+            .min((MOST_CELLS / cells).max(FEWEST_OF_MANY));
 
         let mut divergences = vec![Vec::with_capacity(times); egos];
         let mut responses = vec![Vec::with_capacity(times); egos * others];

@@ -1,6 +1,8 @@
 //! Bayesian sample size and expected information gain: how many visits until there is a verdict,
 //! and which action tells most.
 
+use std::collections::BTreeMap;
+
 use rand::RngExt;
 use rand_distr::{Binomial, Distribution};
 use rand_pcg::Pcg64;
@@ -11,6 +13,7 @@ use super::draws::Draws;
 use super::habits::Habits;
 use super::posterior::Posterior;
 use super::prior::Prior;
+use super::readings::Reading;
 use crate::domain::{Rule, RuleKind, Verdict};
 use crate::information::{Table, conditional, plug_in};
 
@@ -18,9 +21,16 @@ use crate::information::{Table, conditional, plug_in};
 const VISITS: [u64; 13] = [
     1, 2, 5, 10, 20, 50, 100, 200, 500, 1_000, 2_000, 5_000, 10_000,
 ];
-/// Futures drawn, and how many of them may stay undecided.
-const FUTURES: usize = 200;
-const UNDECIDED: usize = FUTURES / 5;
+/// Futures drawn: as many as have so many cells together, within these bounds. One future of two
+/// agents with 64 actions each, given a third such action, has a quarter of a million.
+const FUTURE_CELLS: usize = 400_000;
+const FEWEST_FUTURES: usize = 40;
+const MOST_FUTURES: usize = 200;
+/// One future in so many may stay undecided.
+const UNDECIDED: usize = 5;
+
+/// The most cells of all slices whose next visits are tried one by one.
+const MOST_TRIED: usize = 1_024;
 
 /// The most segments that a state is looked at by, where their habits differ: those that were
 /// visited most. Every one of them is asked about many times.
@@ -31,15 +41,15 @@ struct Future {
     rng: Pcg64,
     /// The probability of every cell of every slice, one after another; the ego's actions first.
     cells: Vec<f64>,
-    /// Visits to each of them.
-    counts: Vec<u64>,
+    /// Visits added to each of them, by position: to few of very many.
+    added: BTreeMap<usize, u64>,
     /// How many visits were added so far.
     visits: u64,
 }
 
 impl Prior {
     /// Returns the sample size that is still missing: after how many more visits at least 80 % of
-    /// 200 futures have a verdict: 0 where
+    /// 200 futures have a verdict (of 40 at least, where tables have very many cells): 0 where
     /// there is one now, else the smallest of 1, 2, 5, 10 ... 10,000 that suffices, and `None`
     /// where none does.
     ///
@@ -62,14 +72,15 @@ impl Prior {
 
         let draws = Draws::new(self, habits, counted, ego, MOST_PARTS);
         let mut futures = draws.futures();
+        let most_undecided = futures.len() / UNDECIDED;
 
         VISITS.into_iter().find(|visits| {
             let mut undecided = 0;
             // Once too many are undecided, the others need not be asked.
             futures.iter_mut().all(|future| {
                 future.go_on(*visits);
-                undecided += usize::from(!draws.decide(&draws.slices_of(&future.counts), rule));
-                undecided <= UNDECIDED
+                undecided += usize::from(!draws.decide(&draws.slices_with(&future.added), rule));
+                undecided <= most_undecided
             })
         })
     }
@@ -81,7 +92,8 @@ impl Prior {
     ///
     /// H(E P') - E H(P'), P' = P(MI > t) after the visit and the other's answer, which comes as
     /// predicted. Not for alphabets with more than [`MOST_CELLS`](super::MOST_CELLS) pairs of
-    /// actions: it takes a posterior for each.
+    /// actions: it takes a posterior for each, up to 1,024 of all slices; of more, one for all of
+    /// them that were seen about as often, whose actions were too.
     pub fn information_gain<'a>(
         &self,
         habits: &'a Habits,
@@ -90,42 +102,39 @@ impl Prior {
         threshold_nats: f64,
     ) -> Vec<f64> {
         let draws = Draws::new(self, habits, counted.into(), ego, MOST_PARTS);
-        let [egos, others] = draws.sizes();
-
-        // For each ego action: total probability, E P', E H(P').
-        let mut sums = vec![[0.0; 3]; egos];
-
-        for slice in 0..draws.slices.len() {
-            let predicted = draws.predicted(slice);
-            let after = draws.above_after(slice, threshold_nats);
-            for (sums, cells) in sums.iter_mut().zip(
-                predicted
-                    .iter()
-                    .zip(after)
-                    .collect::<Vec<_>>()
-                    .chunks(others),
-            ) {
-                for (predicted, after) in cells {
-                    let p = draws.share(slice) * *predicted;
-                    let terms = [p, p * after, p * binary_entropy(*after)];
-                    sums.iter_mut()
-                        .zip(terms)
-                        .for_each(|(sum, term)| *sum += term);
-                }
-            }
-        }
-
-        // Rounding could take a gain of nothing below it.
-        let gain = |[p, mean, entropy]: [f64; 3]| {
-            if p > 0.0 {
-                (binary_entropy(mean / p) - entropy / p).max(0.0)
-            } else {
-                0.0
-            }
+        let predicted = draws.predicted_everywhere();
+        let after = if predicted.len() <= MOST_TRIED {
+            draws.above_after_each(threshold_nats)
+        } else {
+            draws.above_after_kinds(&predicted, threshold_nats)
         };
-
-        sums.into_iter().map(gain).collect()
+        gains(&predicted, &after, draws.sizes())
     }
+}
+
+/// Returns the gain of each ego action, given how probable each cell is at the next visit, and
+/// P(MI > t) after it.
+fn gains(predicted: &[f64], after: &[f64], [egos, others]: [usize; 2]) -> Vec<f64> {
+    // For each ego action: total probability, E P', E H(P').
+    let mut sums = vec![[0.0; 3]; egos];
+    for (at, (p, after)) in predicted.iter().zip(after).enumerate() {
+        let terms = [*p, p * after, p * binary_entropy(*after)];
+        sums[at / others % egos]
+            .iter_mut()
+            .zip(terms)
+            .for_each(|(sum, term)| *sum += term);
+    }
+
+    // Rounding could take a gain of nothing below it.
+    let gain = |[p, mean, entropy]: [f64; 3]| {
+        if p > 0.0 {
+            (binary_entropy(mean / p) - entropy / p).max(0.0)
+        } else {
+            0.0
+        }
+    };
+
+    sums.into_iter().map(gain).collect()
 }
 
 /// Returns whether slices of which this is believed decide.
@@ -160,8 +169,9 @@ impl Draws<'_> {
 
     fn futures(&self) -> Vec<Future> {
         let mut rng = self.generator();
-        let [_, others] = self.sizes();
-        let counts = self.counts();
+        let [egos, others] = self.sizes();
+        let cells = egos * others * self.slices.len();
+        let number = (FUTURE_CELLS / cells).clamp(FEWEST_FUTURES, MOST_FUTURES);
 
         let policies: Vec<Vec<f64>> = self
             .slices
@@ -173,9 +183,9 @@ impl Draws<'_> {
             .collect();
 
         let future =
-            |number: usize| {
-                let joints = self.draw((number as f64 + 0.5) / FUTURES as f64, &mut rng);
-                let mut cells = Vec::with_capacity(counts.len());
+            |at: usize| {
+                let joints = self.draw((at as f64 + 0.5) / number as f64, &mut rng);
+                let mut cells = Vec::with_capacity(cells);
                 for (slice, (joint, policy)) in joints.iter().zip(&policies).enumerate() {
                     let rows = joint.responses.chunks(others).zip(policy);
                     cells.extend(rows.flat_map(|(row, p)| {
@@ -186,45 +196,34 @@ impl Draws<'_> {
                 Future {
                     rng,
                     cells,
-                    counts: counts.clone(),
+                    added: BTreeMap::new(),
                     visits: 0,
                 }
             };
 
-        let mut futures: Vec<Future> = (0..FUTURES).map(future).collect();
+        let mut futures: Vec<Future> = (0..number).map(future).collect();
         // Those that are decided alike are neighbours: mixed, the first ones tell sooner how it
         // will end.
-        (1..FUTURES)
+        (1..number)
             .rev()
             .for_each(|last| futures.swap(last, rng.random_range(0..=last)));
 
         futures
     }
 
-    /// Returns the counts of every cell of every slice, one after another; the ego's actions first.
-    fn counts(&self) -> Vec<u64> {
+    /// Returns the tables of the slices with visits added to their cells, rows for the row variable.
+    fn slices_with(&self, added: &BTreeMap<usize, u64>) -> Vec<Table> {
         let [egos, others] = self.sizes();
-        let mut counts = vec![0; egos * others * self.slices.len()];
-        for (reading, counts) in self.slices.iter().zip(counts.chunks_mut(egos * others)) {
-            let place = |(ego, other, n): (u64, u64, u64)| {
-                counts[ego as usize * others + other as usize] = n
-            };
-            reading[self.ego].triples().for_each(place);
-        }
-        counts
-    }
-
-    /// Returns the tables of such counts, rows for the row variable.
-    fn slices_of(&self, counts: &[u64]) -> Vec<Table> {
-        let [egos, others] = self.sizes();
-        let table = |counts: &[u64]| {
-            let cells = counts
-                .iter()
-                .enumerate()
-                .map(|(at, n)| ((at / others) as u64, (at % others) as u64, *n));
-            self.in_order(Table::from_counts(cells))
+        let cells = egos * others;
+        let table = |(slice, reading): (usize, &Reading<'_>)| {
+            let first = slice * cells;
+            let more = added.range(first..first + cells).map(|(at, n)| {
+                let at = at - first;
+                ((at / others) as u64, (at % others) as u64, *n)
+            });
+            self.in_order(Table::from_counts(reading[self.ego].triples().chain(more)))
         };
-        counts.chunks(egos * others).map(table).collect()
+        self.slices.iter().enumerate().map(table).collect()
     }
 
     /// Returns a table whose rows are the ego's actions as the prior takes it: rows for the row
@@ -237,42 +236,130 @@ impl Draws<'_> {
         }
     }
 
-    /// Returns P(MI > t) after one more visit to each cell of one slice, the ego's actions first.
-    /// Actions that were not visited are all alike.
-    fn above_after(&self, at: usize, threshold_nats: f64) -> Vec<f64> {
-        let [egos, others] = self.sizes();
-        let table = &self.slices[at][self.ego];
-
-        let mut slices: Vec<Table> = self
-            .slices
-            .iter()
-            .map(|[slice, _]| slice.as_ref().clone())
-            .collect();
-
-        let mut row = |ego: u64| -> Vec<f64> {
-            let after = |other: u64| {
-                slices[at] =
-                    self.in_order(Table::from_counts(table.triples().chain([(ego, other, 1)])));
-                self.posterior_of(&slices).0.above(threshold_nats)
-            };
-            (0..others as u64).map(after).collect()
+    /// Returns the probability of each cell of every slice at the next visit, one slice after
+    /// another; the ego's actions first.
+    fn predicted_everywhere(&self) -> Vec<f64> {
+        let of_slice = |slice: usize| {
+            let share = self.share(slice);
+            self.predicted(slice).into_iter().map(move |p| share * p)
         };
-
-        (0..egos as u64).flat_map(&mut row).collect()
+        (0..self.slices.len()).flat_map(of_slice).collect()
     }
+
+    /// Returns P(MI > t) after one more visit to each cell of every slice.
+    fn above_after_each(&self, threshold_nats: f64) -> Vec<f64> {
+        let [egos, others] = self.sizes();
+        (0..egos * others * self.slices.len())
+            .map(|at| self.above_after(at, threshold_nats))
+            .collect()
+    }
+
+    /// Returns about the same, given how probable each cell is: the likeliest of a kind stands for
+    /// all of it.
+    fn above_after_kinds(&self, predicted: &[f64], threshold_nats: f64) -> Vec<f64> {
+        let kinds = self.kinds();
+        let mut likeliest: BTreeMap<Kind, usize> = BTreeMap::new();
+        for (at, kind) in kinds.iter().enumerate() {
+            let stands = likeliest.entry(*kind).or_insert(at);
+            if predicted[at] > predicted[*stands] {
+                *stands = at;
+            }
+        }
+
+        let found: BTreeMap<Kind, f64> = likeliest
+            .into_iter()
+            .map(|(kind, at)| (kind, self.above_after(at, threshold_nats)))
+            .collect();
+        kinds.iter().map(|kind| found[kind]).collect()
+    }
+
+    fn above_after(&self, at: usize, threshold_nats: f64) -> f64 {
+        let tables = self.slices_with(&BTreeMap::from([(at, 1)]));
+        self.posterior_of(&tables).0.above(threshold_nats)
+    }
+
+    /// Returns of which kind each cell of every slice is.
+    fn kinds(&self) -> Vec<Kind> {
+        let [egos, others] = self.sizes();
+        let used = &self.habits.driver(self.ego).shares;
+        let of_slice = |reading: &Reading<'_>| {
+            let table = &reading[self.ego];
+            let [rows, columns] = [
+                sums_by_label(table, egos),
+                sums_by_label(&table.transposed(), others),
+            ];
+            let mut cells = vec![0; egos * others];
+            table
+                .triples()
+                .for_each(|(ego, other, n)| cells[ego as usize * others + other as usize] = n);
+
+            let kind = |(at, n): (usize, u64)| Kind {
+                is_used: used[at / others] > 0.0,
+                seen: [table.total(), rows[at / others], columns[at % others], n].map(magnitude),
+            };
+            cells.into_iter().enumerate().map(kind).collect::<Vec<_>>()
+        };
+        self.slices.iter().flat_map(of_slice).collect()
+    }
+}
+
+/// Cells of slices after whose next visit about the same is believed: those of one kind.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Kind {
+    /// Whether the ego's action is in use.
+    is_used: bool,
+    /// How often about the slice was seen, the ego's action in it, the other's, and both.
+    seen: [u32; 4],
+}
+
+/// Returns the visits of each row of a table, by label.
+fn sums_by_label(table: &Table, labels: usize) -> Vec<u64> {
+    (0..labels as u64)
+        .map(|label| table.row_sum(label))
+        .collect()
+}
+
+/// Returns the order of magnitude of a count: itself up to 3, then twice an octave. Those of one
+/// are within a factor of one and a half.
+fn magnitude(n: u64) -> u32 {
+    if n < 4 {
+        return n as u32;
+    }
+    let octave = n.ilog2();
+    2 * octave + u32::from(n >> (octave - 1) & 1 == 1)
 }
 
 impl Future {
     /// Adds visits until there are this many more than at first.
     fn go_on(&mut self, visits: u64) {
-        let mut left = visits - std::mem::replace(&mut self.visits, visits);
+        let left = visits - std::mem::replace(&mut self.visits, visits);
         if left < self.cells.len() as u64 {
-            (0..left).for_each(|_| self.visit());
-            return;
+            self.visit(left as usize);
+        } else {
+            self.visit_often(left);
         }
+    }
 
+    /// Adds so many visits, one by one. All are placed in one pass over the cells.
+    fn visit(&mut self, visits: usize) {
+        let mut points: Vec<f64> = (0..visits).map(|_| self.rng.random()).collect();
+        points.sort_unstable_by(f64::total_cmp);
+
+        let mut points = points.into_iter().peekable();
+        let mut sum = 0.0;
+        for (cell, p) in self.cells.iter().enumerate() {
+            sum += p;
+            while points.next_if(|point| *point < sum).is_some() {
+                *self.added.entry(cell).or_default() += 1;
+            }
+        }
+        self.add_to_likeliest(points.count() as u64);
+    }
+
+    /// Adds so many visits, by cells.
+    fn visit_often(&mut self, mut left: u64) {
         let mut unspent = 1.0;
-        for (count, p) in self.counts.iter_mut().zip(&self.cells) {
+        for (cell, p) in self.cells.iter().enumerate() {
             let share = if unspent > 0.0 {
                 (p / unspent).clamp(0.0, 1.0)
             } else {
@@ -282,22 +369,20 @@ impl Future {
             let n = Binomial::new(left, share)
                 .expect("a share within 0 to 1")
                 .sample(&mut self.rng);
-            *count += n;
+            if n > 0 {
+                *self.added.entry(cell).or_default() += n;
+            }
             left -= n;
             unspent -= p;
         }
-
-        // What rounding left over goes to the likeliest cell.
-        self.counts[likeliest(&self.cells)] += left;
+        self.add_to_likeliest(left);
     }
 
-    fn visit(&mut self) {
-        let mut left: f64 = self.rng.random();
-        let cell = self.cells.iter().position(|p| {
-            left -= p;
-            left < 0.0
-        });
-        self.counts[cell.unwrap_or_else(|| likeliest(&self.cells))] += 1;
+    /// Adds what rounding left over.
+    fn add_to_likeliest(&mut self, left: u64) {
+        if left > 0 {
+            *self.added.entry(likeliest(&self.cells)).or_default() += left;
+        }
     }
 }
 
@@ -316,4 +401,83 @@ fn binary_entropy(p: f64) -> f64 {
         .filter(|p| *p > 0.0)
         .map(|p| -p * p.ln())
         .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::evidence::Fit;
+    use crate::information::Alphabet;
+
+    const LETTERS: u64 = 10;
+
+    /// Slices of agents of whom the other does as the ego did, so often.
+    fn copied(slices: usize, visits: u64, share: f64) -> Vec<Table> {
+        let mut rng = <Pcg64 as rand::SeedableRng>::seed_from_u64(7);
+        let mut visit = |_| {
+            let ego = rng.random_range(0..LETTERS);
+            let copies = rng.random::<f64>() < share;
+            let other = if copies {
+                ego
+            } else {
+                rng.random_range(0..LETTERS)
+            };
+            (ego, other, 1)
+        };
+        (0..slices)
+            .map(|_| Table::from_counts((0..visits).map(&mut visit).collect::<Vec<_>>()))
+            .collect()
+    }
+
+    #[test]
+    fn one_of_a_kind_stands_for_all() {
+        /// Of the largest gain.
+        const OFF: f64 = 0.15;
+        let prior = Prior::new(&Fit::cold(Alphabet {
+            rows: LETTERS,
+            columns: LETTERS,
+        }));
+
+        for (slices, visits, share) in [(1, 60, 0.3), (1, 400, 0.2), (5, 25, 0.5)] {
+            let tables = copied(slices, visits, share);
+            let draws = Draws::new(&prior, prior.habits(), (&tables).into(), Ego::Rows, 1);
+            let threshold = prior.posterior(prior.habits(), &tables).mean();
+            let predicted = draws.predicted_everywhere();
+            let told = |after: Vec<f64>| gains(&predicted, &after, draws.sizes());
+
+            let exact = told(draws.above_after_each(threshold));
+            let near = told(draws.above_after_kinds(&predicted, threshold));
+
+            let most = exact.iter().copied().fold(0.0, f64::max);
+            let off = exact.iter().zip(&near).map(|(a, b)| (a - b).abs());
+            let off = off.fold(0.0, f64::max) / most;
+            assert!(off < OFF, "{slices} {visits}: {off} {exact:?} {near:?}");
+        }
+    }
+
+    #[test]
+    fn counts_of_an_order_of_magnitude_are_within_half_of_the_least() {
+        let orders = [0, 1, 2, 3, 4, 5, 6, 7, 8, 11, 12, 15, 16].map(magnitude);
+        assert_eq!(orders, [0, 1, 2, 3, 4, 4, 5, 5, 6, 6, 7, 7, 8]);
+        assert_eq!(magnitude(u64::MAX), 127);
+    }
+
+    #[test]
+    fn visits_that_are_added_are_neither_lost_nor_doubled() {
+        let future = |cells: Vec<f64>| Future {
+            rng: <Pcg64 as rand::SeedableRng>::seed_from_u64(3),
+            cells,
+            added: BTreeMap::new(),
+            visits: 0,
+        };
+
+        // More cells than visits, and fewer; the last ones sum to less than 1, by a little.
+        for cells in [vec![0.001; 1_000], vec![0.25; 4], vec![0.1 - 1e-9; 10]] {
+            let mut future = future(cells);
+            for visits in [1, 2, 5, 500] {
+                future.go_on(visits);
+                assert_eq!(future.added.values().sum::<u64>(), visits);
+            }
+        }
+    }
 }
