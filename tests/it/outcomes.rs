@@ -411,7 +411,22 @@ async fn a_wrong_outcome_rejects_its_record_and_a_missing_one_none() {
     let wrong = [
         (
             record(&both, json!({"human@1": "up"})),
-            "/outcomes/human@1",
+            "/outcomes/human@1/move",
+            "got \"up\", expected one of left",
+        ),
+        (
+            record(&both, json!({"human@1": {"move": "up"}})),
+            "/outcomes/human@1/move",
+            "got \"up\", expected one of left",
+        ),
+        (
+            record(&both, json!({"human@1": 7})),
+            "/outcomes/human@1/move",
+            "got 7, expected one of left",
+        ),
+        (
+            record(&json!({"robot": "go", "human": "up"}), json!({})),
+            "/actions/human/move",
             "got \"up\", expected one of left",
         ),
         (

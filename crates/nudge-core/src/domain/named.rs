@@ -146,7 +146,8 @@ fn written_names(named: &[(String, ActionDraft)]) -> impl Iterator<Item = &str> 
     named.iter().map(|(name, _)| name.as_str())
 }
 
-/// Reads an action, or the value of an outcome.
+/// Reads an action, or the value of an outcome. A value without a bin is a fault of its feature,
+/// by the feature's name though it was written bare: the same pointer as where it comes by position.
 fn slot(features: &[Feature], draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault>> {
     let absent = ValueDraft::Other("null".into());
     let bare = match draft {
@@ -156,8 +157,14 @@ fn slot(features: &[Feature], draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault
     };
     match features {
         [only] => {
+            let pointer = match draft {
+                ActionDraft::Absent => String::new(),
+                _ => format!("/{}", only.name),
+            };
             let value = value(only, bare);
-            Ok(vec![value.map_err(|detail| vec![Fault::new("", detail)])?])
+            Ok(vec![
+                value.map_err(|detail| vec![Fault::new(pointer, detail)])?,
+            ])
         }
         features => {
             let names: Vec<&str> = features

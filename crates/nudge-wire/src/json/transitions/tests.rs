@@ -121,7 +121,11 @@ fn a_bad_value_rejects_its_record_only() {
         ("1.2", "1e300", "/state/distance"),
         ("1.2", "1e400", "/state/distance"),
         (r#""左""#, "-1e400", "/state/held"),
-        (r#""human": "stay""#, r#""human": 1e400"#, "/actions/human"),
+        (
+            r#""human": "stay""#,
+            r#""human": 1e400"#,
+            "/actions/human/move",
+        ),
         ("-0.1", "1e400", "/actions/robot/turn"),
         (r#"{"speed": 2, "turn": -0.1}"#, "1e400", "/actions/robot"),
         (r#"{"state""#, r#"{"count": 1e400, "state""#, "/count"),
@@ -322,7 +326,7 @@ fn all_faults_of_a_record_are_one_reason() {
         told.reason,
         "missing, expected one of nothing, oignon é, 左, or an index from 0 to 2; \
          /actions/robot: got 1, expected an object of turn, speed; \
-         /actions/human: got \"fly\", expected one of go, stay, or an index from 0 to 1; \
+         /actions/human/move: got \"fly\", expected one of go, stay, or an index from 0 to 1; \
          /count: got 0, expected a whole number, at least 1"
     );
 }
