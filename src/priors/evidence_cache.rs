@@ -15,8 +15,7 @@ use crate::evidence::{Believed, Ego};
 use crate::information::ExpectedMethod;
 
 /// States remembered: as many as one question may have.
-const KEPT: std::num::NonZeroUsize =
-    std::num::NonZeroUsize::new(crate::domain::MOST_STATES).expect("not zero");
+const KEPT: usize = crate::domain::MOST_STATES;
 
 /// Counts remembered in a pass, and the most cells that they have: larger ones are hardly met twice.
 const KEPT_OF_A_PASS: std::num::NonZeroUsize =
@@ -71,7 +70,8 @@ struct Entry {
 
 impl Default for EvidenceCache {
     fn default() -> Self {
-        let kept = LruCache::with_hasher(KEPT, RandomState::default());
+        // Not with a capacity, which would be reserved at once, for each of hundreds of priors.
+        let kept = LruCache::unbounded_with_hasher(RandomState::default());
         Self(Mutex::new(kept))
     }
 }
@@ -91,7 +91,11 @@ impl EvidenceCache {
             .map(|entry| entry.found);
         remembered.unwrap_or_else(|| {
             let found = find();
-            self.lock().put(key.clone(), Entry { inputs, found });
+            let mut kept = self.lock();
+            kept.put(key.clone(), Entry { inputs, found });
+            if kept.len() > KEPT {
+                kept.pop_lru();
+            }
             found
         })
     }

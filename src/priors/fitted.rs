@@ -20,7 +20,7 @@ pub struct Fitted {
     /// The fit itself.
     pub fit: Fit,
     /// What answers are computed with.
-    pub prior: Prior,
+    pub prior: Arc<Prior>,
     /// What was found about single states.
     pub evidence_cache: EvidenceCache,
     /// The last threshold asked for, and what is believed of it without counts: nearly all
@@ -81,7 +81,7 @@ impl Fitted {
     /// there are too many pairs for them.
     pub fn in_detail(&self) -> Option<&Prior> {
         let Alphabet { rows, columns } = self.fit.alphabet;
-        (rows * columns <= evidence::MOST_CELLS).then_some(&self.prior)
+        (rows * columns <= evidence::MOST_CELLS).then_some(&*self.prior)
     }
 }
 

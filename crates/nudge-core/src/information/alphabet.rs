@@ -5,7 +5,7 @@
 /// They come from the environment, not from what was seen, and a [`Table`](super::Table) does not
 /// know them. Where a table has more occupied rows or columns than its alphabet is said to have,
 /// those occupied are taken instead.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Alphabet {
     /// How many values the row variable (the ego's action) can take.
     pub rows: u64,
