@@ -67,6 +67,7 @@ impl Explored {
             trials,
             considered: self.considered,
             as_of: self.ranking.as_of,
+            fit: self.ranking.fit,
         }
     }
 

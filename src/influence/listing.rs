@@ -11,8 +11,8 @@ use super::state_ranking::StateRanking;
 use crate::api::{self, proto};
 use crate::domain::draft::ListingDraft;
 use crate::domain::{
-    Discovery, Pair, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit, Verdict,
-    page_size,
+    Discovery, FitId, Pair, Schema, Scope, SegmentId, StateFigures, StateKey, StatePage, Unit,
+    Verdict, page_size,
 };
 use crate::error::{Fault, Problem};
 use crate::store::ByVisits;
@@ -143,7 +143,11 @@ impl Listing {
             next_page_token,
         } = self.chosen(&ranking.rows, &ranking.orders, wants, bytes);
         let states = positions.into_iter().map(figures).collect();
-        page(schema, scope, ranking.as_of, (states, next_page_token))
+        let made_from = MadeFrom {
+            as_of: ranking.as_of,
+            fit: ranking.fit,
+        };
+        page(schema, scope, made_from, (states, next_page_token))
     }
 
     /// Returns the states of the page by ranks alone.
@@ -199,21 +203,35 @@ struct Chosen {
     next_page_token: Option<String>,
 }
 
+/// What a page was made from.
+#[derive(Clone, Copy)]
+pub struct MadeFrom {
+    /// The revision.
+    pub as_of: u64,
+    /// The fit that its order and its figures rest on.
+    pub fit: FitId,
+}
+
 /// Returns a page of what is known of these states, and its token.
 pub fn page_of(
     schema: &Schema,
     scope: &Scope,
-    as_of: u64,
+    made_from: MadeFrom,
     (rows, next_page_token): (&[Row], Option<String>),
 ) -> StatePage {
     let states = rows.iter().map(|row| figures(schema, scope.unit, row));
-    page(schema, scope, as_of, (states.collect(), next_page_token))
+    page(
+        schema,
+        scope,
+        made_from,
+        (states.collect(), next_page_token),
+    )
 }
 
 fn page(
     schema: &Schema,
     scope: &Scope,
-    as_of: u64,
+    MadeFrom { as_of, fit }: MadeFrom,
     (states, next_page_token): (Vec<StateFigures>, Option<String>),
 ) -> StatePage {
     StatePage {
@@ -222,6 +240,7 @@ fn page(
         states,
         next_page_token,
         as_of,
+        fit,
         unit: scope.unit,
     }
 }

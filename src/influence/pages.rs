@@ -6,7 +6,7 @@ use std::sync::Arc;
 use tracing::instrument;
 
 use super::Influence;
-use super::listing::{self, Listing};
+use super::listing::{self, Listing, MadeFrom};
 use super::query_context::QueryContext;
 use super::row;
 use super::store_errors::logged;
@@ -78,7 +78,13 @@ impl Influence {
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             let (size, next_page_token) = listing.cut(schema, &rows);
             let page = (&rows[..size], next_page_token);
-            Ok(listing::page_of(schema, scope, as_of, page))
+            let fit = context.fit();
+            Ok(listing::page_of(
+                schema,
+                scope,
+                MadeFrom { as_of, fit },
+                page,
+            ))
         })
         .await
     }
@@ -108,7 +114,13 @@ impl Influence {
             let (schema, scope) = (&context.environment.schema, &context.scope);
             let rows = row::measured(&context, states, &PassEvidence::default(), stop)?;
             let page = (&rows[..], next_page_token);
-            Ok(listing::page_of(schema, scope, as_of, page))
+            let fit = context.fit();
+            Ok(listing::page_of(
+                schema,
+                scope,
+                MadeFrom { as_of, fit },
+                page,
+            ))
         })
         .await
     }

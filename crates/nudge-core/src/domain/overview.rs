@@ -64,6 +64,8 @@ pub struct StatePage {
     pub next_page_token: Option<String>,
     /// The revision the order was made from.
     pub as_of: u64,
+    /// The fit that the order and the figures rest on.
+    pub fit: FitId,
     /// The unit of the figures.
     pub unit: Unit,
 }
@@ -314,6 +316,8 @@ pub struct Exploration {
     pub considered: u64,
     /// The revision this was made from.
     pub as_of: u64,
+    /// The fit that this was made by.
+    pub fit: FitId,
 }
 
 /// An action to try in a state.

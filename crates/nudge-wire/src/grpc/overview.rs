@@ -62,6 +62,7 @@ impl From<StatePage> for proto::ListStatesResponse {
             states: page.states.into_iter().map(Into::into).collect(),
             next_page_token: page.next_page_token.unwrap_or_default(),
             as_of: page.as_of,
+            fit: Some(page.fit.into()),
             unit: page.unit.as_str().into(),
         }
     }
@@ -142,6 +143,7 @@ impl From<Exploration> for proto::ExploreResponse {
             trials: exploration.trials.into_iter().map(Into::into).collect(),
             considered: exploration.considered,
             as_of: exploration.as_of,
+            fit: Some(exploration.fit.into()),
         }
     }
 }

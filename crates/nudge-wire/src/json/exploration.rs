@@ -3,7 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Labels, State};
+use super::{Fit, Labels, State};
 use crate::proto;
 
 /// Where one more visit is worth most.
@@ -19,6 +19,8 @@ pub struct Exploration {
     pub considered: u64,
     /// The revision this was made from: how many transitions the environment had.
     pub as_of: u64,
+    /// The fit of the prior that this was made by.
+    pub fit: Fit,
 }
 
 /// An action to try in a state.
@@ -49,6 +51,7 @@ impl From<proto::ExploreResponse> for Exploration {
             trials: response.trials.into_iter().map(Into::into).collect(),
             considered: response.considered,
             as_of: response.as_of,
+            fit: response.fit.map(Into::into).unwrap_or_default(),
         }
     }
 }

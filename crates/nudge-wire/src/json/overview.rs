@@ -54,6 +54,9 @@ pub struct StatePage {
     pub next_page_token: Option<String>,
     /// The revision the order was made from: how many transitions the environment had.
     pub as_of: u64,
+    /// The fit of the prior that the order and the figures rest on; where a ranking takes long,
+    /// that of the last one.
+    pub fit: Fit,
     /// The unit of the figures, `nats` or `bits`.
     #[schema(value_type = words::Unit)]
     pub unit: String,
@@ -253,6 +256,7 @@ impl From<proto::ListStatesResponse> for StatePage {
             states: page.states.into_iter().map(Into::into).collect(),
             next_page_token: present(page.next_page_token),
             as_of: page.as_of,
+            fit: page.fit.map(Into::into).unwrap_or_default(),
             unit: page.unit,
         }
     }
