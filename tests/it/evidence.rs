@@ -119,6 +119,24 @@ async fn verdicts_are_earned_by_counts() {
 }
 
 #[tokio::test]
+async fn pages_and_explorations_name_their_fit() {
+    let app = world().await;
+    let paths = [
+        "states",
+        "states?order_by=p_dependent",
+        "states?fdr=0.05",
+        "explore",
+    ];
+    for version in 0..2 {
+        for path in paths {
+            let told = get(&app, path).await;
+            assert_eq!(told["fit"]["version"], json!(version), "{path}: {told}");
+        }
+        fit(&app).await;
+    }
+}
+
+#[tokio::test]
 async fn figures_stand_beside_their_evidence() {
     let app = world().await;
     fit(&app).await;
