@@ -326,7 +326,7 @@ fn magnitude(n: u64) -> u32 {
         return n as u32;
     }
     let octave = n.ilog2();
-    2 * octave + u32::from(n >> (octave - 1) & 1 == 1)
+    2 * octave + ((n >> (octave - 1)) & 1) as u32
 }
 
 impl Future {
