@@ -190,9 +190,7 @@ impl StateTests<'_> {
         };
         let segments = self.state.segments.as_deref();
         let cells = self.state.counts.of_pair(schema, &pair, segments);
-        Tables::new(schema, &pair, cells.clone())
-            .exchangeable(schema, &pair, exchange, cells)
-            .into_owned()
+        Tables::exchangeable_alone(schema, &pair, exchange, cells)
     }
 }
 

@@ -211,7 +211,8 @@ impl Draws<'_> {
         futures
     }
 
-    /// Returns the tables of the slices with visits added to their cells, rows for the row variable.
+    /// Returns the tables of the slices with visits added to their cells, rows for the row
+    /// variable.
     fn slices_with(&self, added: &BTreeMap<usize, u64>) -> Vec<Table> {
         let [egos, others] = self.sizes();
         let cells = egos * others;
