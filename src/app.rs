@@ -118,6 +118,7 @@ impl App {
         app.in_background(app.environments.clone().sweep());
         app.in_background(app.environments.clone().compact());
         app.in_background(prove(app.store.clone()));
+        app.in_background(look_again(app.store.clone()));
         app.in_background(look_at_cells(app.store.clone(), app.chores.clone()));
         // Begun here, not in its task: whoever asks at once is told of it.
         let looking = app.chores.begin("looking at fits and networks");
@@ -218,6 +219,14 @@ async fn prove(store: Arc<dyn Store>) {
         let proving = store.clone();
         let _ = tokio::spawn(async move { proving.prove(PROOF).await }).await;
         tokio::time::sleep(Duration::from_secs(1)).await;
+    }
+}
+
+/// Looks again at what seemed damaged, for ever: a disk that fails to read for a moment seals nothing
+/// for good. What becomes of each, the store tells.
+async fn look_again(store: Arc<dyn Store>) {
+    loop {
+        store.look_again().await;
     }
 }
 

@@ -163,6 +163,7 @@ impl Config {
             },
             cache_cells: self.cache_cells,
             fold_from: self.fold_cells,
+            ..Options::default()
         }
     }
 

@@ -38,7 +38,7 @@ impl Networks {
             tokio::time::sleep(every).await;
             for environment in self.store.environments() {
                 if let Err(problem) = self.train_what_has_grown(&environment, &mut tried).await {
-                    tracing::warn!(%problem, environment = %environment.name, "a network was not trained again");
+                    not_trained(&environment, &problem);
                 }
             }
         }
@@ -87,12 +87,18 @@ impl Networks {
             }
 
             let last = last.map(|(card, _)| card);
-            self.train(environment, &again(ego, other, lag, last))
-                .await?;
-            tried.insert(place, Tried { counted, threshold });
+            match self.train(environment, &again(ego, other, lag, last)).await {
+                Ok(_job) => drop(tried.insert(place, Tried { counted, threshold })),
+                // It keeps no other pair from its training.
+                Err(problem) => not_trained(environment, &problem),
+            }
         }
         Ok(())
     }
+}
+
+fn not_trained(environment: &Environment, problem: &Problem) {
+    tracing::warn!(%problem, environment = %environment.name, "a network was not trained again");
 }
 
 /// Returns the first two agents, and every pair that has a version.

@@ -201,9 +201,14 @@ pub trait Store: Send + Sync {
     /// cannot be read, the environment becomes read-only.
     async fn audit(&self) -> Result<Vec<Audit>, StoreError>;
 
+    /// Waits until an environment that takes no batches because it seemed damaged is to be looked at
+    /// again, and reads everything of it: where all is as it was written, it takes batches again. To
+    /// be called again and again, by one at a time.
+    async fn look_again(&self);
+
     /// Returns the environments that take no batches because they are damaged, in order of name,
-    /// with what is wrong with each. Damage that any call meets makes its environment one of them,
-    /// until the process ends. From memory.
+    /// with what is wrong with each. Damage that any call meets twice makes its environment one of
+    /// them, until [`Store::look_again`] finds it sound. From memory.
     fn read_only(&self) -> Vec<(Name, String)>;
 
     /// Returns whether a commit would succeed: `Ok`, or why not, by the last commit or proof. From

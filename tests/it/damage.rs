@@ -4,6 +4,7 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::time::Duration;
 
 use nudge::domain::{EnvironmentId, FitId, RuleDraft, WrittenRule};
 use nudge::store::{
@@ -406,6 +407,56 @@ async fn damage_that_a_question_meets_makes_the_environment_read_only() {
             store.commit(&[next]).await.expect("a commit"),
             [read_only()]
         );
+    }
+}
+
+/// Changes a byte of a file; the same again changes it back.
+fn change(path: &Path, at: usize, bits: u8) {
+    let mut bytes = std::fs::read(path).expect("read");
+    bytes[at] ^= bits;
+    std::fs::write(path, bytes).expect("written");
+}
+
+/// A page came wrong, and comes right again: the environment stays read-only as long as all of it
+/// read anew is not as it was written, and no longer.
+#[tokio::test]
+async fn what_seemed_damaged_takes_batches_again_once_it_is_found_to_be_sound() {
+    for (sql, is_page) in [(ROW, true), (ROW, false), (ENTRY, false)] {
+        let (file, hurt, sound) = if sql == ROW {
+            prepared().await
+        } else {
+            unfolded().await
+        };
+        let end = end_of_blob(&file.path(), sql).await;
+        // A kind that no page has, or a bit of which SQLite knows nothing.
+        let (at, bits) = if is_page {
+            (end / PAGE * PAGE, 0x7a)
+        } else {
+            (end - 10, 4)
+        };
+        change(&file.path(), at, bits);
+
+        let store = file.open(Quotas::default()).await;
+        let key = [state_at(701_000)];
+        let refused = store.counts(hurt, &key).await.expect_err("damaged");
+        assert!(matches!(refused, StoreError::Damaged(_)), "{refused}");
+        let told = store.read_only();
+        assert_eq!(told.len(), 1, "{sql}");
+        for _ in 0..3 {
+            store.look_again().await;
+            assert_eq!(store.read_only(), told, "{sql}: it is damaged");
+        }
+        let met = batch(hurt, "game", 2).cell(701_000, 1, tally(1, 1)).done();
+        assert_refuses_one(&store, hurt, sound, &met).await;
+
+        change(&file.path(), at, bits);
+        store.look_again().await;
+        assert_eq!(store.read_only(), [], "{sql}: it is sound");
+        let outcomes = store.commit(std::slice::from_ref(&met)).await;
+        assert_eq!(outcomes.expect("a commit"), [applied(&met)]);
+        let counts = store.counts(hurt, &key).await.expect("sound");
+        assert_eq!(counts[0].counts.visits(), 2, "{sql}");
+        assert!(store.audit().await.expect("an audit")[0].is_sound());
     }
 }
 
@@ -1230,6 +1281,80 @@ async fn a_flipped_bit_is_found_or_changes_nothing() {
     }
     println!("{rounds} flips, {passed} passed, {unsealed} of them in cells of earlier builds");
     assert!(passed < rounds / 3, "{passed} of {rounds}");
+}
+
+/// Bits are flipped, and everything is asked for: what made an environment read-only is found again
+/// by whoever looks at all of it anew.
+#[tokio::test(flavor = "multi_thread", worker_threads = 2)]
+async fn damage_that_any_call_meets_is_met_again() {
+    let rounds = crate::faults::scaled(150, 3_000);
+    let (file, sent) = of_everything().await;
+    let places = Places::of(&file.path()).await;
+    let directory = TempDir::new().expect("a directory");
+    let path = directory.path().join("flipped.db");
+    let options = Options {
+        look_again_after: Duration::ZERO,
+        ..Options::default()
+    };
+
+    let mut random = StdRng::seed_from_u64(18);
+    let mut met = 0;
+    for round in 0..rounds {
+        let mut bytes = places.sound.clone();
+        let (at, bit) = (places.any(round, &mut random), random.random_range(0..8));
+        bytes[at] ^= 1 << bit;
+        std::fs::write(&path, bytes).expect("written");
+        if let Ok(store) = SqliteStore::open(&path, options.clone()).await {
+            ask_everything(&store, &sent).await;
+            let told = store.read_only();
+            for _ in &told {
+                store.look_again().await;
+            }
+            assert_eq!(
+                store.read_only(),
+                told,
+                "round {round}: bit {bit} of byte {at} (page {})",
+                at / PAGE + 1
+            );
+            met += u32::from(!told.is_empty());
+            store.close().await;
+        }
+        for rest in ["-wal", "-shm"] {
+            let _ = std::fs::remove_file(directory.path().join(format!("flipped.db{rest}")));
+        }
+    }
+    println!("{rounds} flips, {met} met");
+    assert!(u64::from(met) > rounds / 10, "{met} of {rounds}");
+}
+
+/// Makes every call, whatever comes of it.
+async fn ask_everything(store: &SqliteStore, sent: &[Numbered]) {
+    for environment in store.environments() {
+        let id = environment.id;
+        let mut cursor = Cursor::default();
+        while let Ok(page) = store.scan(id, cursor, 1_000).await
+            && let Some(last) = page.last()
+        {
+            cursor = last.cursor;
+            let keys: Vec<_> = page.iter().map(|state| state.key.clone()).collect();
+            let _ = store.counts(id, &keys).await;
+        }
+        let _ = store.totals(id).await;
+        let _ = store.segments(id).await;
+        let _ = store.actions(&environment).await;
+        let _ = store.fits(id).await;
+        for record in store.models(id).await.unwrap_or_default() {
+            let _ = store.model(id, record.version).await;
+        }
+        for batch in sent {
+            let _ = store.watermark(id, &batch.producer).await;
+            let _ = store.owner(id, &batch.producer).await;
+        }
+        let _ = store.keep_model(id, &network("next")).await;
+    }
+    for batch in sent {
+        let _ = store.commit(std::slice::from_ref(batch)).await;
+    }
 }
 
 /// Returns where two texts begin to differ.

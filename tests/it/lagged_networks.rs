@@ -1,12 +1,14 @@
 //! Networks at a lag: a follower that answers some steps later is found in states that nobody saw,
 //! at its lag and in its direction and nowhere else, by every face in the same words.
 
+use std::time::Duration;
+
 use nudge::api::inference_proto::grpc_inference_service_client::GrpcInferenceServiceClient;
 use nudge::api::inference_proto::model_infer_request::InferInputTensor;
 use nudge::api::inference_proto::{ModelInferRequest, ModelReadyRequest};
 use nudge::api::{json as dto, proto};
 use nudge::domain::draft::TrainingDraft;
-use nudge::domain::{JobState, Model, StateKey};
+use nudge::domain::{Job, JobState, Model, StateKey};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
 use safetensors::SafeTensors;
@@ -164,17 +166,21 @@ impl World {
         let app = TestApp::start().await;
         let made = app.rest("PUT", WORLD, Some(&self.description())).await;
         assert_eq!(made.0, 201, "{}", made.1);
-        for (sequence, transitions) in (1..).zip(self.transitions().chunks(TOGETHER)) {
-            let body = json!({"producer": "p", "sequence": sequence, "transitions": transitions});
-            let to = format!("{WORLD}/transitions");
-            let (status, receipt) = app.rest("POST", &to, Some(&body)).await;
-            assert_eq!(
-                (status, &receipt["rejected_count"]),
-                (200, &json!(0)),
-                "{receipt}"
-            );
-        }
+        count(&app, "p", &self.transitions()).await;
         app
+    }
+}
+
+async fn count(app: &TestApp, producer: &str, transitions: &[Value]) {
+    for (sequence, transitions) in (1..).zip(transitions.chunks(TOGETHER)) {
+        let body = json!({"producer": producer, "sequence": sequence, "transitions": transitions});
+        let to = format!("{WORLD}/transitions");
+        let (status, receipt) = app.rest("POST", &to, Some(&body)).await;
+        assert_eq!(
+            (status, &receipt["rejected_count"]),
+            (200, &json!(0)),
+            "{receipt}"
+        );
     }
 }
 
@@ -213,6 +219,24 @@ async fn trained(app: &TestApp, draft: &TrainingDraft) -> Model {
 /// Returns the answer about a state, of what a query says.
 async fn answer(app: &TestApp, query: &str) -> Value {
     app.get(&format!("{WORLD}/influence?{query}")).await["answers"][0].clone()
+}
+
+/// How often upkeep looks at what has grown.
+const OFTEN: Duration = Duration::from_millis(10);
+
+/// Awaits so many jobs in all, which upkeep asks for, and returns them, in order of lag and number.
+async fn ended_jobs(app: &TestApp, many: usize) -> Vec<Job> {
+    let environment = app.app.environments.find("street").expect("made");
+    let networks = &app.app.networks;
+    loop {
+        let mut jobs = networks.list(&environment).await.expect("listed").jobs;
+        if jobs.len() == many && jobs.iter().all(|job| job.state == JobState::Done) {
+            jobs.sort_by_key(|job| (job.lag, job.id));
+            return jobs;
+        }
+        assert!(jobs.len() <= many, "{jobs:?}");
+        tokio::time::sleep(OFTEN).await;
+    }
 }
 
 /// Returns how many of the states that nobody saw are said to have influence and how many to have
@@ -417,6 +441,73 @@ async fn what_is_held_fixed_may_be_an_absence() {
     let tensors = SafeTensors::deserialize(&file).expect("a file");
     let own = tensors.tensor("members.0.own.bias").expect("strata");
     assert_eq!(own.shape(), [5], "four actions and the absence");
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn what_has_grown_is_trained_again_at_its_lag() {
+    let app = USUAL.counted().await;
+    let mut first = Vec::new();
+    for draft in [small(0), small(1), draft(3)] {
+        first.push(trained(&app, &draft).await);
+    }
+    assert!(first.iter().all(|model| model.active), "{first:?}");
+
+    let upkeep = tokio::spawn(app.app.networks.clone().keep_up(OFTEN));
+    count(&app, "another", &USUAL.transitions()).await;
+    let jobs = ended_jobs(&app, 6).await;
+    upkeep.abort();
+
+    let environment = app.app.environments.find("street").expect("made");
+    for (jobs, first) in jobs.chunks(2).zip(&first) {
+        let version = jobs[1].version.expect("a version");
+        let again = app.app.networks.get(&environment, version).await;
+        let again = again.expect("kept");
+        assert_eq!((jobs[1].lag, again.lag), (first.lag, first.lag));
+
+        let [before, after] = [first, &again].map(|model| model.card.as_ref().expect("readable"));
+        assert_eq!(after.training, before.training, "as it was trained then");
+        assert!(2 * after.revision >= 3 * before.revision, "{after:?}");
+        // Where nobody answers none is better than its baselines, and the first one answers on.
+        assert_eq!(again.active, first.lag == 3, "{after:?}");
+        let active = if again.active { version } else { first.version };
+        assert_eq!(told_at(&app, first.lag).await, json!(active));
+    }
+    app.stop().await;
+}
+
+#[tokio::test(flavor = "multi_thread")]
+async fn a_pair_that_no_network_fits_keeps_no_other_from_being_trained_again() {
+    let app = TestApp::start().await;
+    // Upkeep asks for the first two agents whether anybody did or not: these two have too many actions.
+    let mut description = USUAL.description();
+    let agents = description["agents"].as_array_mut().expect("a list");
+    let large = |name: &str| json!({"name": name, "action": [{"name": "move", "integer": {"min": 0, "max": 255}}]});
+    agents.splice(0..0, ["crowd", "choir"].map(large));
+    assert_eq!(app.rest("PUT", WORLD, Some(&description)).await.0, 201);
+
+    let beside = |mut transition: Value| {
+        let sung = ["crowd", "choir"];
+        sung.map(|name| transition["actions"][name] = json!(0));
+        for lag in 1..=LAG {
+            sung.map(|name| transition["outcomes"][format!("{name}@{lag}")] = json!(0));
+        }
+        transition
+    };
+    let transitions: Vec<Value> = USUAL.transitions().into_iter().map(beside).collect();
+    count(&app, "p", &transitions).await;
+    let of_pair = TrainingDraft {
+        ego: Some("leader".into()),
+        other: Some("follower".into()),
+        ..small(3)
+    };
+    trained(&app, &of_pair).await;
+
+    let upkeep = tokio::spawn(app.app.networks.clone().keep_up(OFTEN));
+    count(&app, "another", &transitions).await;
+    let jobs = ended_jobs(&app, 2).await;
+    upkeep.abort();
+    assert_eq!([jobs[0].lag, jobs[1].lag], [3, 3]);
     app.stop().await;
 }
 

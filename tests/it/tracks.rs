@@ -17,9 +17,12 @@ use serde_json::{Value, json};
 use tempfile::TempDir;
 use tonic::transport::Channel;
 
+use crate::faults::process::most_memory_mib;
 use crate::server::Server;
 use crate::support::load::make_lane;
 use crate::support::{RawStream, TestApp, channel, hello, lane_json, open, row, rows};
+
+mod attacks;
 
 /// The greatest batch: more transitions than are discretised at once.
 const BATCH: usize = 70;

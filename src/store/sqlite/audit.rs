@@ -35,7 +35,7 @@ pub(super) async fn audit(
     let mut audits = Vec::new();
     for environment in directory.all() {
         // One that was deleted meanwhile has nothing to compare.
-        let Some(audit) = audit_patiently(readers, &environment, is_packed).await? else {
+        let Some(audit) = audit_twice(readers, &environment, is_packed).await? else {
             continue;
         };
         if let Some(why) = audit.fault() {
@@ -46,22 +46,30 @@ pub(super) async fn audit(
     Ok(audits)
 }
 
-/// Damage is the environment's; a machine that fails to read it twice is as good as damage. Other
-/// errors are no environment's.
-async fn audit_patiently(
+/// Audits one environment, and says what is wrong with it, if anything is.
+pub(super) async fn fault_of(
+    readers: &SqlitePool,
+    environment: &Environment,
+) -> Result<Option<String>, StoreError> {
+    let audited = audit_twice(readers, environment, true).await?;
+    Ok(audited.and_then(|audit| audit.fault()))
+}
+
+/// Damage is the environment's; a machine that fails to read it twice is as good as damage, and is
+/// told as such the first time. Other errors are no environment's.
+async fn audit_twice(
     readers: &SqlitePool,
     environment: &Environment,
     is_packed: bool,
 ) -> Result<Option<Audit>, StoreError> {
+    let is_unread =
+        |cause: &Cause| [StorageFault::Damaged, StorageFault::InputOutput].contains(&cause.fault);
     let mut audited = audit_one(readers, environment, is_packed).await;
-    if audited
-        .as_ref()
-        .is_err_and(|cause| cause.fault == StorageFault::InputOutput)
-    {
+    if audited.as_ref().is_err_and(is_unread) {
         audited = audit_one(readers, environment, is_packed).await;
     }
     match audited {
-        Err(cause) if [StorageFault::Damaged, StorageFault::InputOutput].contains(&cause.fault) => {
+        Err(cause) if is_unread(&cause) => {
             let environment = environment.name.clone();
             Ok(Some(Audit {
                 environment,

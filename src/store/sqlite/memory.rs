@@ -1,5 +1,7 @@
 //! The write-through caches of the database, side by side.
 
+use std::time::Duration;
+
 use super::actions::ActionsMemory;
 use super::cache::CountsCache;
 use super::directory::Directory;
@@ -22,12 +24,11 @@ pub(super) struct Memory {
 
 impl Memory {
     /// Remembers nothing yet; the first transaction lets it begin.
-    pub(super) fn new(cache_cells: usize) -> Self {
-        let cache = CountsCache::new(cache_cells);
-        let (directory, pending, actions, removals) = Default::default();
+    pub(super) fn new(cache_cells: usize, look_again_after: Duration) -> Self {
+        let (pending, actions, removals) = Default::default();
         Self {
-            directory,
-            cache,
+            directory: Directory::new(look_again_after),
+            cache: CountsCache::new(cache_cells),
             pending,
             actions,
             removals,

@@ -6,7 +6,8 @@
 //! `writer` owns the connection that writes, `health` says whether it would, `closing` interrupts
 //! those that read. `commit` writes counts into the `journal`, `compact` folds that into rows, and
 //! `moving` puts `old_cells` there too. `read`, `marginals` and `audit` look, by a `walk` over rows or
-//! a `lookup` of states; `fresh` is what only the journal has. `load`, `environments`, `fits`,
+//! a `lookup` of states; `fresh` is what only the journal has; `recheck` looks again at what seemed
+//! damaged. `load`, `environments`, `fits`,
 //! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `pending` entries of the
 //! journal, `actions`, `cache` and `directory`, beside the writer is the `row_id_cache`, which is
 //! `recent`. `layout` says where rows are, `stored_forms`, `rows` and `columns` how things are
@@ -61,6 +62,7 @@ mod pending;
 mod read;
 mod receipts;
 mod recent;
+mod recheck;
 mod removal;
 mod row_id_cache;
 mod rows;
@@ -120,8 +122,8 @@ impl SqliteStore {
                 .view(environment.id)
                 .is_some_and(|view| view.unmoved)
         {
-            let moved = moving::step(&self.writer, environment, after).await;
-            cursor = self.noted(Some(environment.id), moved)?;
+            let step = || moving::step(&self.writer, environment, after);
+            cursor = self.twice(environment.id, step).await?;
         }
         Ok(())
     }
@@ -169,8 +171,8 @@ impl SqliteStore {
     /// Folds some of the journal of an environment, and returns whether that goes on.
     async fn fold(&self, id: EnvironmentId) -> Result<bool, StoreError> {
         let _one_at_a_time = self.compacting.lock().await;
-        let folded = compact::fold(&self.writer, &self.readers, &self.memory, id).await;
-        let folded = self.noted(Some(id), folded)?;
+        let fold = || compact::fold(&self.writer, &self.readers, &self.memory, id);
+        let folded = self.twice(id, fold).await?;
         // Where it fails, a commit does it.
         self.writer.checkpoint().await.ok();
         Ok(folded)
@@ -205,6 +207,33 @@ impl SqliteStore {
     /// lack it.
     pub async fn has_table(&self, name: &str) -> Result<bool, StoreError> {
         inspect::has_table(&self.readers, name).await
+    }
+
+    /// Does something with an environment, once more where that meets damage: it may be a read that
+    /// failed, and nothing was changed by then. Damage that is met twice is believed.
+    async fn twice<T, F>(
+        &self,
+        id: EnvironmentId,
+        work: impl Fn() -> F + Send,
+    ) -> Result<T, StoreError>
+    where
+        F: Future<Output = Result<T, StoreError>> + Send,
+    {
+        let mut done = work().await;
+        if let Err(StoreError::Damaged(why)) = &done {
+            tracing::warn!(why, "damage was met: it is looked at again");
+            done = work().await;
+        }
+        self.noted(Some(id), done)
+    }
+
+    /// Reads all of an environment again, and by connections that know nothing of what was read before
+    /// if all of it is sound.
+    async fn recheck(&self, id: EnvironmentId) -> Result<(), StoreError> {
+        let (file, directory) = (self.writer.file(), &self.memory.directory);
+        recheck::recheck(file, &self.closing, directory, id).await?;
+        recheck::forget_pages(&self.readers).await?;
+        self.writer.renew().await
     }
 
     /// Keeps in mind what an error says of the environment that it is about, or of the next write.
@@ -255,17 +284,16 @@ impl Store for SqliteStore {
         id: EnvironmentId,
         rule: WrittenRule,
     ) -> Result<Arc<Environment>, StoreError> {
-        self.noted(
-            Some(id),
-            environments::set_rule(&self.writer, &self.memory.directory, id, rule).await,
-        )
+        let set = || environments::set_rule(&self.writer, &self.memory.directory, id, rule.clone());
+        self.twice(id, set).await
     }
 
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
         // Only told: it is deleted whether they can be counted or not.
         let totals = self.totals(id).await;
         let states = totals.ok().map(|totals| totals.states);
-        self.noted(Some(id), removal::delete(&self.writer, id, states).await)
+        self.twice(id, || removal::delete(&self.writer, id, states))
+            .await
     }
 
     async fn sweep(&self) -> Result<(), StoreError> {
@@ -285,12 +313,17 @@ impl Store for SqliteStore {
         id: EnvironmentId,
         producer: &ProducerId,
     ) -> Result<Sequence, StoreError> {
-        let mut transaction = self.writer.begin().await?;
-        let watermark = read::watermark(transaction.connection(), id, producer).await;
-        let watermark = self.noted(Some(id), watermark.map_err(error::of_commit))?;
-
-        transaction.end().await?;
-        watermark.ok_or(StoreError::UnknownEnvironment)
+        let read = async || {
+            // That none can be begun is no fault of the environment's.
+            let mut transaction = match self.writer.begin().await {
+                Ok(transaction) => transaction,
+                Err(error) => return Ok(Err(error)),
+            };
+            let watermark = read::watermark(transaction.connection(), id, producer).await?;
+            transaction.end().await.map(|()| Ok(watermark))
+        };
+        let watermark = self.twice(id, || async { read().await.map_err(error::of_commit) });
+        watermark.await??.ok_or(StoreError::UnknownEnvironment)
     }
 
     async fn owner(
@@ -298,11 +331,17 @@ impl Store for SqliteStore {
         id: EnvironmentId,
         producer: &ProducerId,
     ) -> Result<Option<Name>, StoreError> {
-        let mut transaction = self.writer.begin().await?;
-        let owner = read::owner(transaction.connection(), id, producer).await;
-        let owner = self.noted(Some(id), owner.map_err(error::of_commit))?;
-        transaction.end().await?;
-
+        let read = async || {
+            // That none can be begun is no fault of the environment's.
+            let mut transaction = match self.writer.begin().await {
+                Ok(transaction) => transaction,
+                Err(error) => return Ok(Err(error)),
+            };
+            let owner = read::owner(transaction.connection(), id, producer).await?;
+            transaction.end().await.map(|()| Ok(owner))
+        };
+        let owner = self.twice(id, || async { read().await.map_err(error::of_commit) });
+        let owner = owner.await??;
         let name = owner.map(|owner| owner.parse().map_err(StoreError::Unreadable));
         name.transpose()
     }
@@ -321,10 +360,8 @@ impl Store for SqliteStore {
         keys: &[StateKey],
     ) -> Result<Vec<StateCounts>, StoreError> {
         let environment = self.known(id)?;
-        self.noted(
-            Some(id),
-            read::counts(&self.readers, &self.memory, &environment, keys).await,
-        )
+        let read = || read::counts(&self.readers, &self.memory, &environment, keys);
+        self.twice(id, read).await
     }
 
     async fn scan(
@@ -335,8 +372,8 @@ impl Store for SqliteStore {
     ) -> Result<Vec<Scanned>, StoreError> {
         let environment = self.known(id)?;
         self.move_all(&environment).await?;
-        let page = read::scan(&self.readers, &self.memory, &environment, after, states).await;
-        let page = self.noted(Some(id), page)?;
+        let read = || read::scan(&self.readers, &self.memory, &environment, after, states);
+        let page = self.twice(id, read).await?;
         self.present(id).map(|()| page)
     }
 
@@ -347,8 +384,8 @@ impl Store for SqliteStore {
     ) -> Result<(Vec<Scanned>, u64), StoreError> {
         let environment = self.known(id)?;
         self.move_all(&environment).await?;
-        let page = read::by_visits(&self.readers, &self.memory, &environment, wanted).await;
-        let page = self.noted(Some(id), page)?;
+        let read = || read::by_visits(&self.readers, &self.memory, &environment, wanted);
+        let page = self.twice(id, read).await?;
         self.present(id).map(|()| page)
     }
 
@@ -356,38 +393,35 @@ impl Store for SqliteStore {
         &self,
         id: EnvironmentId,
     ) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
-        let segments = self.noted(Some(id), read::segments(&self.readers, id).await)?;
+        let segments = self
+            .twice(id, || read::segments(&self.readers, id))
+            .await?;
         self.present(id).map(|()| segments)
     }
 
     async fn totals(&self, id: EnvironmentId) -> Result<Totals, StoreError> {
         let environment = self.known(id)?;
-        let totals = read::totals(&self.readers, &self.memory, &environment).await;
-        self.noted(Some(id), totals)
+        let read = || read::totals(&self.readers, &self.memory, &environment);
+        self.twice(id, read).await
     }
 
     async fn actions(&self, environment: &Environment) -> Result<Arc<ActionTotals>, StoreError> {
         self.move_all(environment).await?;
-        let actions = marginals::actions(
-            &self.readers,
-            &self.memory,
-            environment,
-            self.writer.settle(),
-        )
-        .await;
-        self.noted(Some(environment.id), actions)
+        let read = || {
+            let settled = self.writer.settle();
+            marginals::actions(&self.readers, &self.memory, environment, settled)
+        };
+        self.twice(environment.id, read).await
     }
 
     async fn fits(&self, id: EnvironmentId) -> Result<Vec<FitRecord>, StoreError> {
-        let fits = self.noted(Some(id), fits::fits(&self.readers, id).await)?;
+        let fits = self.twice(id, || fits::fits(&self.readers, id)).await?;
         self.present(id).map(|()| fits)
     }
 
     async fn keep_fit(&self, id: EnvironmentId, fit: &FitRecord) -> Result<(), StoreError> {
-        self.noted(
-            Some(id),
-            fits::keep(&self.writer, &self.memory.directory, id, fit).await,
-        )
+        let keep = || fits::keep(&self.writer, &self.memory.directory, id, fit);
+        self.twice(id, keep).await
     }
 
     fn quotas(&self) -> Quotas {
@@ -395,7 +429,9 @@ impl Store for SqliteStore {
     }
 
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        let models = self.noted(Some(id), models::models(&self.readers, id).await)?;
+        let models = self
+            .twice(id, || models::models(&self.readers, id))
+            .await?;
         self.present(id).map(|()| models)
     }
 
@@ -404,40 +440,44 @@ impl Store for SqliteStore {
         id: EnvironmentId,
         version: u64,
     ) -> Result<Option<(ModelRecord, Vec<u8>)>, StoreError> {
-        let model = self.noted(Some(id), models::model(&self.readers, id, version).await)?;
+        let read = || models::model(&self.readers, id, version);
+        let model = self.twice(id, read).await?;
         self.present(id).map(|()| model)
     }
 
     async fn keep_model(&self, id: EnvironmentId, model: &NewModel) -> Result<u64, StoreError> {
-        self.noted(
-            Some(id),
-            models::keep(&self.writer, &self.memory.directory, self.quotas, id, model).await,
-        )
+        let directory = &self.memory.directory;
+        let keep = || models::keep(&self.writer, directory, self.quotas, id, model);
+        self.twice(id, keep).await
     }
 
     async fn activate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(
-            Some(id),
-            models::activate(&self.writer, &self.memory.directory, id, version).await,
-        )
+        let change = || models::activate(&self.writer, &self.memory.directory, id, version);
+        self.twice(id, change).await
     }
 
     async fn deactivate_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(
-            Some(id),
-            models::deactivate(&self.writer, &self.memory.directory, id, version).await,
-        )
+        let change = || models::deactivate(&self.writer, &self.memory.directory, id, version);
+        self.twice(id, change).await
     }
 
     async fn delete_model(&self, id: EnvironmentId, version: u64) -> Result<(), StoreError> {
-        self.noted(
-            Some(id),
-            models::delete(&self.writer, &self.memory.directory, id, version).await,
-        )
+        let change = || models::delete(&self.writer, &self.memory.directory, id, version);
+        self.twice(id, change).await
     }
 
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         audit::audit(&self.readers, &self.memory.directory).await
+    }
+
+    async fn look_again(&self) {
+        let directory = &self.memory.directory;
+        let id = directory.due().await;
+        match self.recheck(id).await {
+            Ok(()) => directory.lift(id),
+            // What is wrong with it was told when it was found.
+            Err(_) => directory.put_off(id),
+        }
     }
 
     fn read_only(&self) -> Vec<(Name, String)> {

@@ -1,5 +1,7 @@
 //! How a store is opened.
 
+use std::time::Duration;
+
 use crate::store::Quotas;
 
 /// How a store is opened.
@@ -11,6 +13,9 @@ pub struct Options {
     pub cache_cells: usize,
     /// Cells in the journal from which on it is folded into rows: about 4 bytes of memory each.
     pub fold_from: usize,
+    /// How soon an environment that seems damaged is looked at again; then after twice as long, and
+    /// so on.
+    pub look_again_after: Duration,
 }
 
 impl Default for Options {
@@ -19,6 +24,7 @@ impl Default for Options {
             quotas: Quotas::default(),
             cache_cells: 400_000,
             fold_from: 4_000_000,
+            look_again_after: Duration::from_secs(1),
         }
     }
 }

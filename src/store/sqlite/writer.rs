@@ -113,9 +113,27 @@ impl Writer {
         }
     }
 
-    /// Waits for the transaction before, and begins.
+    /// Waits for the transaction before, and begins: once more where that meets damage, which may be
+    /// a read that failed.
     pub(super) async fn begin(&self) -> Result<Transaction<'_>, StoreError> {
-        self.begin_in(self.place.lock().await).await
+        match self.begin_in(self.place.lock().await).await {
+            Err(StoreError::Damaged(why)) => {
+                tracing::warn!(why, "a transaction met damage: it is begun anew");
+                self.begin_in(self.place.lock().await).await
+            }
+            begun => begun,
+        }
+    }
+
+    /// Returns the file that was locked.
+    pub(super) fn file(&self) -> &Identity {
+        &self.file
+    }
+
+    /// Reads again what is remembered of the database, by a new connection.
+    pub(super) async fn renew(&self) -> Result<(), StoreError> {
+        drop(self.begin().await?);
+        self.begin().await?.end().await
     }
 
     /// Lets memory take counts in again, which it does from the next transaction on. Where one is

@@ -27,7 +27,8 @@ mod full_disk;
 mod io_errors;
 mod overload;
 mod power_cuts;
-mod process;
+pub mod process;
+mod reads;
 mod readiness;
 mod wide;
 

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Weak};
+use std::time::Duration;
 
 use nudge::domain::{ActionTotals, Environment};
 use nudge::store::{Cursor, Options, Quotas, SqliteStore, Store};
@@ -88,6 +89,7 @@ impl SqliteFile {
             quotas,
             cache_cells: self.cache_cells,
             fold_from: self.fold_from,
+            look_again_after: Duration::ZERO,
         }
     }
 }

@@ -218,6 +218,9 @@ impl Store for Faulty {
     async fn audit(&self) -> Result<Vec<Audit>, StoreError> {
         self.store.audit().await
     }
+    async fn look_again(&self) {
+        self.store.look_again().await;
+    }
     fn read_only(&self) -> Vec<(Name, String)> {
         self.store.read_only()
     }

@@ -18,20 +18,33 @@ mod write;
 
 /// Commits batches in their order, in one transaction, and returns an outcome each. An environment
 /// that turns out to be damaged holds up no other: it takes no more batches, and the rest is begun
-/// anew.
+/// anew. Damage is believed once a new connection meets it too, for SQLite tells of a read that
+/// failed (EIO) in the same words.
 pub(super) async fn commit(
     writer: &Writer,
     directory: &Directory,
     quotas: Quotas,
     batches: &[Numbered],
 ) -> Result<Vec<Outcome>, StoreError> {
+    let mut suspected = Vec::new();
     loop {
-        match attempt(writer, directory, quotas, batches).await {
-            Err(Failed {
-                error: StoreError::Damaged(why),
-                environment: Some(id),
-            }) if directory.make_read_only(id, &why) => {}
-            outcome => return outcome.map_err(|failed| failed.error),
+        let failed = match attempt(writer, directory, quotas, batches).await {
+            Ok(outcomes) => return Ok(outcomes),
+            Err(failed) => failed,
+        };
+
+        let Failed { error, environment } = &failed;
+        let goes_on = match (error, environment) {
+            (StoreError::Damaged(why), suspect) if !suspected.contains(suspect) => {
+                tracing::warn!(why, "a commit met damage: it is begun anew");
+                suspected.push(*suspect);
+                true
+            }
+            (StoreError::Damaged(why), Some(id)) => directory.make_read_only(*id, why),
+            _ => false,
+        };
+        if !goes_on {
+            return Err(failed.error);
         }
     }
 }
