@@ -487,10 +487,11 @@ async fn a_pair_that_no_network_fits_keeps_no_other_from_being_trained_again() {
     assert_eq!(app.rest("PUT", WORLD, Some(&description)).await.0, 201);
 
     let beside = |mut transition: Value| {
-        let sung = ["crowd", "choir"];
-        sung.map(|name| transition["actions"][name] = json!(0));
-        for lag in 1..=LAG {
-            sung.map(|name| transition["outcomes"][format!("{name}@{lag}")] = json!(0));
+        for name in ["crowd", "choir"] {
+            transition["actions"][name] = json!(0);
+            for lag in 1..=LAG {
+                transition["outcomes"][format!("{name}@{lag}")] = json!(0);
+            }
         }
         transition
     };

@@ -85,7 +85,7 @@ fn unseen(path: &Path, error: sqlx::Error) -> StoreError {
 
 /// Returns what is wrong with the database as a whole. Empty where all is well.
 pub(super) async fn integrity(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
-    let mut lines = pages(readers).await?;
+    let mut lines = pages(readers, "pragma integrity_check(100)").await?;
     if lines.is_empty() && has_table(readers, "packed").await? {
         lines.extend(strays(readers).await?);
     }
@@ -104,11 +104,13 @@ async fn strays(readers: &SqlitePool) -> Result<Option<String>, StoreError> {
     Ok((strays > 0).then(|| format!("{strays} rows of counts belong to no environment")))
 }
 
-/// Returns what SQLite's own check finds: pages, indices, types and constraints, of every table.
-async fn pages(readers: &SqlitePool) -> Result<Vec<String>, StoreError> {
-    let rows = sqlx::query("pragma integrity_check(100)")
-        .fetch_all(readers)
-        .await;
+/// Returns what SQLite's own check finds: pages, indices, types and constraints, of one table or of
+/// all.
+pub(super) async fn pages(
+    readers: &SqlitePool,
+    check: &'static str,
+) -> Result<Vec<String>, StoreError> {
+    let rows = sqlx::query(check).fetch_all(readers).await;
 
     let lines = rows.and_then(|rows| {
         rows.iter()
@@ -162,9 +164,19 @@ pub(super) async fn damaged_rows(
         let row = sqlx::query(text).bind(id.0).fetch_optional(readers).await;
         let row = row.map_err(unreadable)?;
         let is_sound = row.as_ref().map(checksums::is_sound_last_version);
-        if is_sound.transpose().map_err(unreadable)? == Some(false) {
+        let is_sound = is_sound.transpose().map_err(unreadable)?;
+        if is_sound == Some(false) || is_last_passed(readers, id).await? {
             damaged.push("the last version of its networks is not as it was written".to_owned());
         }
     }
     Ok(damaged)
+}
+
+/// Returns whether an environment has a network of a later version than its last: the row that says
+/// which that is may have become another's, or nobody's.
+async fn is_last_passed(readers: &SqlitePool, id: EnvironmentId) -> Result<bool, StoreError> {
+    let text = "select exists (select 1 from models where environment = ?1 and version > coalesce(
+             (select last from model_versions where environment = ?1), 0))";
+    let passed = sqlx::query_scalar(text).bind(id.0).fetch_one(readers).await;
+    passed.map_err(unreadable)
 }

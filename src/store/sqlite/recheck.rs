@@ -57,12 +57,35 @@ async fn look(readers: &SqlitePool, environment: &Environment) -> Result<(), Sto
         return Err(StoreError::Damaged(why));
     }
 
-    // What these say is for those who made them, and is made again where it cannot be used.
+    // What a fit says is for those who made it, and is made again where it cannot be used.
     fits::fits(readers, id).await?;
-    for model in models::models(readers, id).await? {
-        models::model(readers, id, model.version).await?;
+    look_at_models(readers, id).await?;
+    look_at_indices(readers).await
+}
+
+/// Looks whether small tables of all environments agree with their indices, as whoever adds to them
+/// will see.
+async fn look_at_indices(readers: &SqlitePool) -> Result<(), StoreError> {
+    for check in [
+        "pragma integrity_check(models)",
+        "pragma integrity_check(segments)",
+    ] {
+        if let Some(why) = inspect::pages(readers, check).await?.into_iter().next() {
+            return Err(StoreError::Damaged(why));
+        }
     }
-    look_at_segments(readers, id).await
+    Ok(())
+}
+
+/// Reads networks and their weights. One that is not as it was kept may have another's number.
+async fn look_at_models(readers: &SqlitePool, id: EnvironmentId) -> Result<(), StoreError> {
+    for record in models::models(readers, id).await? {
+        let model = models::model(readers, id, record.version).await?;
+        if !model.is_some_and(|(record, _)| record.is_sound) {
+            return Err(spoiled(&format!("version {} of its networks", record.version)));
+        }
+    }
+    Ok(())
 }
 
 async fn look_at_description(
@@ -81,13 +104,4 @@ async fn look_at_description(
         }
     }
     Err(spoiled("its description"))
-}
-
-/// Reads the labels of segments in their table and in the index by which a commit finds them.
-async fn look_at_segments(readers: &SqlitePool, id: EnvironmentId) -> Result<(), StoreError> {
-    let text = "select total(length(stored.label)) from segments cross join segments as stored not indexed
-             on stored.id = segments.id and stored.label = segments.label
-         where segments.environment = ?";
-    let read = sqlx::query(text).bind(id.0).fetch_one(readers).await;
-    read.map(drop).map_err(unreadable)
 }

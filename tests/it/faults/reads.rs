@@ -64,7 +64,7 @@ async fn used(address: SocketAddr, round: u64) -> Vec<String> {
     let mut refused = Vec::new();
     for path in [
         "",
-        "/states?limit=10",
+        "/states",
         "/states/0.0",
         "/influence?key=0.0",
         "/summary",

@@ -92,9 +92,8 @@ fn made(batches: usize, random: &mut StdRng) -> Vec<Vec<Record>> {
             }
             let [distance, held, robot, human] = *now;
             let is_misfit = random.random_bool(0.05);
+            let state = vec![if is_misfit { f32::NAN } else { distance }, held];
             Record {
-                state: vec![if is_misfit { f32::NAN } else { distance }, held],
-                actions: vec![robot, human],
                 actions_present: vec![true, random.random_bool(0.8)],
                 entry: match random.random_range(0..20) {
                     0 => Entry::Entered,
@@ -102,7 +101,7 @@ fn made(batches: usize, random: &mut StdRng) -> Vec<Vec<Record>> {
                     _ => Entry::Unknown,
                 },
                 track: Some(game as u64),
-                ..Record::default()
+                ..Record::new(state, vec![robot, human])
             }
         };
         (0..steps).map(step).collect()
