@@ -23,6 +23,7 @@ use support::{
 const ROUNDS: usize = 5;
 const HOT_BATCHES: u64 = 4_000;
 const FAMILY_BATCHES: u64 = 1_000;
+const TRACK_BATCHES: u64 = 2_000;
 const UNIFORM_BATCHES: u64 = 1_000;
 const LATENCY_BATCHES: u64 = 20_000;
 
@@ -34,6 +35,10 @@ fn main() {
         if wanted("families") {
             families(6, "(target >= 0.12)").await;
             families(12, "(target >= 0.06)").await;
+        }
+        if wanted("tracks") {
+            tracks(100).await;
+            tracks(1_000).await;
         }
         if wanted("uniform") {
             uniform().await;
@@ -124,6 +129,42 @@ async fn families(lags: u32, target: &str) {
         median(without),
         "transitions/s",
         target,
+    );
+}
+
+/// 8,000 hot cells of so many games at once, whose entries are left to the service, beside the same
+/// load without tracks.
+async fn tracks(games: usize) {
+    let plain = batches(223, 64, 1);
+    let of_games = |batch: &proto::Columns| proto::Columns {
+        tracks: (0..BATCH).map(|at| (at % games) as u64).collect(),
+        ..batch.clone()
+    };
+    let load: Vec<proto::Columns> = plain.iter().map(of_games).collect();
+
+    let service = Service::start().await;
+    for world in ["plain", "tracks"] {
+        make_world(service.address, world, ACTIONS).await;
+        pump(service.address, world, "p", &plain, 200).await;
+    }
+    let (mut with, mut without) = (Vec::new(), Vec::new());
+    for _ in 0..ROUNDS {
+        for (world, load, speeds) in [
+            ("plain", &plain, &mut without),
+            ("tracks", &load, &mut with),
+        ] {
+            let took = pump(service.address, world, "p", load, TRACK_BATCHES).await;
+            speeds.push(per_second(TRACK_BATCHES, took));
+        }
+    }
+    service.stop().await;
+    report(
+        &format!("durable ingest, 8,000 hot cells, steps of {games} tracks"),
+        median(with),
+        "without tracks",
+        median(without),
+        "transitions/s",
+        "",
     );
 }
 

@@ -1,4 +1,5 @@
-//! Steps a second through tracks that fill in lagged outcomes, of thousands of games at once.
+//! Steps a second through tracks that fill in lagged outcomes, of thousands of games at once; and what
+//! those that are left to the service take of it at worst.
 //!
 //! `cargo bench --bench tracks`. A game's tick has milliseconds: a step must cost next to nothing of
 //! them, and a track as little memory as its greatest lag needs.
@@ -8,7 +9,8 @@
 use std::time::Instant;
 
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use nudge::domain::{Schema, SchemaDraft};
+use nudge::domain::{Entry, Schema, SchemaDraft};
+use nudge::ingest::{self, Tracks};
 use nudge::tracks::{Step, Track};
 
 const GAMES: usize = 10_000;
@@ -24,6 +26,64 @@ fn main() {
             steps / seconds,
             seconds / steps * 1e9
         );
+    }
+    left_to_the_service();
+}
+
+/// One stream with as many tracks as are remembered and more, whose agents hold what they do while
+/// each comes to a new state with every step: nothing may be forgotten for long.
+fn left_to_the_service() {
+    const TRACKS: u64 = 3_000;
+    const STEPS: u64 = 1_500;
+    let draft = SchemaDraft {
+        state: vec![feature("x", 1_999)],
+        agents: vec![agent("a"), agent("b")],
+        ..SchemaDraft::default()
+    };
+    let schema = Schema::try_from(&draft).expect("valid");
+    let mut tracks = Tracks::default();
+    let before = resident_mb();
+    let began = Instant::now();
+    for track in 0..TRACKS {
+        for state in 0..STEPS {
+            let step = ingest::Step {
+                track,
+                state,
+                joint: 0,
+                sent: Entry::Unknown,
+            };
+            tracks.entry(&schema, &step, |_| false);
+        }
+    }
+    println!(
+        "left to the service at worst: {:.1} MB a stream, {:.0} ns a step",
+        resident_mb() - before,
+        began.elapsed().as_secs_f64() / (TRACKS * STEPS) as f64 * 1e9
+    );
+}
+
+/// Returns the memory that this process has, in MB.
+fn resident_mb() -> f64 {
+    let status = std::fs::read_to_string("/proc/self/status").expect("Linux");
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+    let kib = line.and_then(|line| line.trim().strip_suffix(" kB"));
+    let kib: f64 = kib.and_then(|kib| kib.parse().ok()).expect("a number");
+    kib * 1_024.0 / 1e6
+}
+
+fn feature(name: &str, most: i64) -> FeatureDraft {
+    FeatureDraft {
+        name: name.into(),
+        unit: None,
+        kinds: vec![KindDraft::Integer(0, most)],
+    }
+}
+
+fn agent(name: &str) -> AgentDraft {
+    AgentDraft {
+        name: name.into(),
+        action: vec![feature("move", 5)],
+        ..AgentDraft::default()
     }
 }
 
@@ -55,16 +115,6 @@ fn played(schema: &Schema) -> f64 {
 
 /// Three features and two agents of six moves, with so many lags of both.
 fn schema(lags: i64) -> Schema {
-    let feature = |name: &str, most| FeatureDraft {
-        name: name.into(),
-        unit: None,
-        kinds: vec![KindDraft::Integer(0, most)],
-    };
-    let agent = |name: &str| AgentDraft {
-        name: name.into(),
-        action: vec![feature("move", 5)],
-        ..AgentDraft::default()
-    };
     let draft = SchemaDraft {
         state: vec![feature("x", 8), feature("y", 4), feature("held", 2)],
         agents: vec![agent("a"), agent("b")],

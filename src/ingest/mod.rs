@@ -28,7 +28,7 @@ use figures::BatchTotals;
 pub use figures::Figures;
 use room::Room;
 use streams::{Lease, Registration, Streams};
-pub use tracks::Tracks;
+pub use tracks::{Step, Tracks};
 pub use validate::validate;
 
 use crate::domain::{

@@ -10,9 +10,12 @@ use foldhash::fast::RandomState;
 use crate::domain::{Agent, Entry, Schema};
 use crate::tracks::EntryRule;
 
-/// Tracks that are remembered: those that had a step last. Twice as many may be for a while, so that
+/// Tracks that are remembered: those that had a step last. A quarter more may be for a while, so that
 /// forgetting costs little each.
 const REMEMBERED: usize = 1_024;
+
+/// Tracks at which some are forgotten.
+const MOST: usize = REMEMBERED + REMEMBERED / 4;
 
 /// The tracks of one stream into one environment. Without a track it keeps nothing and costs
 /// nothing.
@@ -80,7 +83,7 @@ impl Tracks {
     }
 
     fn rule_of(&mut self, schema: &Schema, track: u64) -> &mut EntryRule<u64> {
-        if self.followed.len() == 2 * REMEMBERED && !self.followed.contains_key(&track) {
+        if self.followed.len() == MOST && !self.followed.contains_key(&track) {
             self.forget();
         }
 
@@ -94,10 +97,10 @@ impl Tracks {
         &mut followed.rule
     }
 
-    /// Forgets the half that had no step for longest.
+    /// Forgets those that had no step for longest.
     fn forget(&mut self) {
         let mut latest: Vec<u64> = self.followed.values().map(|one| one.latest).collect();
-        let (_, kept, _) = latest.select_nth_unstable(REMEMBERED);
+        let (_, kept, _) = latest.select_nth_unstable(MOST - REMEMBERED);
         let first = *kept;
         self.followed.retain(|_, one| one.latest >= first);
     }
@@ -225,7 +228,7 @@ mod tests {
             assert_eq!(entries(&mut tracks, &[step(track)]), [true]);
             // This one goes on between all others.
             assert_eq!(entries(&mut tracks, &[step(0)]), [track == 1]);
-            assert!(tracks.followed.len() <= 2 * REMEMBERED);
+            assert!(tracks.followed.len() <= MOST);
         }
 
         let latest = many - REMEMBERED as u64 + 2;

@@ -217,17 +217,22 @@ impl Allowed {
     }
 }
 
-/// Returns the ids of states that are listed, where each has a key of the schema.
+/// Returns the ids of states that are listed, where each has a key of the schema, and the same by
+/// their index and in their table: a commit finds it by the one, and a question reads the other.
 async fn listed(
     moment: &mut SqliteConnection,
     environment: &Environment,
 ) -> Result<BTreeSet<u64>, Cause> {
-    let text = "select id, key from states where environment = ?";
+    let text = "select id, key, key is (select stored.key from states as stored not indexed where stored.id = states.id)
+         from states indexed by sqlite_autoindex_states_1 where environment = ?";
     let mut rows = sqlx::query(text).bind(environment.id.0).fetch(moment);
     let mut ids = BTreeSet::new();
     while let Some(row) = rows.try_next().await? {
         let (id, text): (i64, &str) = (row.try_get(0)?, row.try_get(1)?);
         lookup::stored_key(&environment.schema, text).map_err(damage)?;
+        if !row.try_get::<bool, _>(2)? {
+            return Err(damage(spoiled(&format!("the key {text:?} of a state"))));
+        }
         ids.insert(id.unsigned_abs());
         tokio::task::consume_budget().await;
     }

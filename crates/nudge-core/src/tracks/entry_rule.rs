@@ -5,9 +5,9 @@ use std::collections::VecDeque;
 use crate::domain::Entry;
 
 /// Counted entries that are remembered while an agent holds its action. Beyond them no state counts
-/// until that agent has changed it: whoever did nothing else for a thousand entries tells nothing
-/// by the next.
-const REMEMBERED: usize = 1_024;
+/// until that agent has changed it: whoever did nothing else for so many entries tells nothing by
+/// the next.
+const REMEMBERED: usize = 256;
 
 /// Decides which steps of one track count as draws of their state: those that entered it, where
 /// every agent has changed its action since the last entry of that state that counted.
@@ -18,7 +18,7 @@ const REMEMBERED: usize = 1_024;
 /// where every entry counted.
 ///
 /// An agent that is absent, or that has no choice, takes no part. Keys of states are whatever tells
-/// them apart. Memory is bounded by 1,024 keys, and in play by the few states that are
+/// them apart. Memory is bounded by 256 keys, and in play by the few states that are
 /// entered while the slowest agent holds one action.
 #[derive(Debug, Clone)]
 pub struct EntryRule<K> {
