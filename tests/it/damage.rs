@@ -457,7 +457,11 @@ async fn what_seemed_damaged_takes_batches_again_once_it_is_found_to_be_sound() 
         assert_eq!(outcomes.expect("a commit"), [applied(&met)]);
         let counts = store.counts(hurt, &key).await.expect("sound");
         let cells = counts[0].counts.cells();
-        assert_eq!(cells.iter().map(|cell| cell.tally.n).sum::<u64>(), 2, "{sql}");
+        assert_eq!(
+            cells.iter().map(|cell| cell.tally.n).sum::<u64>(),
+            2,
+            "{sql}"
+        );
         assert!(store.audit().await.expect("an audit")[0].is_sound());
     }
 }

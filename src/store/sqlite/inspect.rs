@@ -31,10 +31,7 @@ pub(super) async fn inspect(path: &Path, options: Options) -> Result<SqliteStore
     let readers = readers(&file, &closing)
         .await
         .map_err(|error| unseen(path, error))?;
-    let memory = Arc::new(Memory::new(
-        options.cache_cells,
-        options.look_again_after,
-    ));
+    let memory = Arc::new(Memory::new(options.cache_cells, options.look_again_after));
 
     let mut reader = readers
         .acquire()

@@ -7,11 +7,11 @@
 //! those that read. `commit` writes counts into the `journal`, `compact` folds that into rows, and
 //! `moving` puts `old_cells` there too. `read`, `marginals` and `audit` look, by a `walk` over rows or
 //! a `lookup` of states; `fresh` is what only the journal has; `recheck` looks again at what seemed
-//! damaged. `load`, `environments`, `fits`,
-//! `models`, `removal` and its `leftovers` keep the worlds. In `memory` are `pending` entries of the
-//! journal, `actions`, `cache` and `directory`, beside the writer is the `row_id_cache`, which is
-//! `recent`. `layout` says where rows are, `stored_forms`, `rows` and `columns` how things are
-//! written, `checksums` whether they are as they were, `error` what its errors mean.
+//! damaged. `load`, `environments`, `fits`, `models`, `removal` and its `leftovers` keep the worlds.
+//! In `memory` are `pending` entries of the journal, `actions`, `cache` and `directory`, beside the
+//! writer is the `row_id_cache`, which is `recent`. `layout` says where rows are, `stored_forms`,
+//! `rows` and `columns` how things are written, `checksums` whether they are as they were, `error`
+//! what its errors mean.
 
 use std::path::Path;
 use std::sync::{Arc, PoisonError};
@@ -220,7 +220,9 @@ impl SqliteStore {
         F: Future<Output = Result<T, StoreError>> + Send,
     {
         let mut done = work().await;
-        if let Err(StoreError::Damaged(why)) = &done {
+        if let Err(StoreError::Damaged(why)) = &done
+            && !self.memory.directory.is_read_only(id)
+        {
             tracing::warn!(why, "damage was met: it is looked at again");
             done = work().await;
         }
@@ -393,9 +395,7 @@ impl Store for SqliteStore {
         &self,
         id: EnvironmentId,
     ) -> Result<Vec<(SegmentId, Option<Label>)>, StoreError> {
-        let segments = self
-            .twice(id, || read::segments(&self.readers, id))
-            .await?;
+        let segments = self.twice(id, || read::segments(&self.readers, id)).await?;
         self.present(id).map(|()| segments)
     }
 
@@ -429,9 +429,7 @@ impl Store for SqliteStore {
     }
 
     async fn models(&self, id: EnvironmentId) -> Result<Vec<ModelRecord>, StoreError> {
-        let models = self
-            .twice(id, || models::models(&self.readers, id))
-            .await?;
+        let models = self.twice(id, || models::models(&self.readers, id)).await?;
         self.present(id).map(|()| models)
     }
 

@@ -48,10 +48,7 @@ pub(super) async fn open(
     let writing = writing(path);
     migrate(path, &writing, stage).await?;
 
-    let memory = Arc::new(Memory::new(
-        options.cache_cells,
-        options.look_again_after,
-    ));
+    let memory = Arc::new(Memory::new(options.cache_cells, options.look_again_after));
     let writer = Writer::new(writing, lock.identity().clone(), Arc::clone(&memory));
     // The first transaction fills memory.
     let filled = async { writer.begin().await?.end().await };

@@ -82,7 +82,10 @@ async fn look_at_models(readers: &SqlitePool, id: EnvironmentId) -> Result<(), S
     for record in models::models(readers, id).await? {
         let model = models::model(readers, id, record.version).await?;
         if !model.is_some_and(|(record, _)| record.is_sound) {
-            return Err(spoiled(&format!("version {} of its networks", record.version)));
+            return Err(spoiled(&format!(
+                "version {} of its networks",
+                record.version
+            )));
         }
     }
     Ok(())

@@ -60,8 +60,9 @@ impl Fault {
 }
 
 /// Returns what is sent into a fault: outcomes and absences too, but where reads fail. SQLite tells an
-/// EIO of a read as a damaged database, so that the environment takes no more batches until the next
-/// start; with outcomes such a read is met sooner.
+/// EIO of a read as a damaged database, so that where it is met twice the environment takes no more
+/// batches until it is found to be sound, and producers are told so; with outcomes such reads are met
+/// sooner. What becomes of them is for `reads`.
 fn shape(fault: Fault) -> Shape {
     Shape {
         observed: fault.classes & READ == 0,

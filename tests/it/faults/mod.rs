@@ -28,8 +28,8 @@ mod io_errors;
 mod overload;
 mod power_cuts;
 pub mod process;
-mod reads;
 mod readiness;
+mod reads;
 mod wide;
 
 /// Returns whether the long form was asked for.

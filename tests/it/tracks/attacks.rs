@@ -247,10 +247,16 @@ async fn whatever_becomes_of_streams_each_step_counts_once_with_the_flag_that_th
         let flagged: Vec<Record> = senders.iter().flat_map(|one| one.counted.clone()).collect();
         told.stream("flagged", batches(&flagged, BATCH, rows_of))
             .await;
-        let (counted, expected) = (told.counted("attacked").await, told.counted("flagged").await);
+        let (counted, expected) = (
+            told.counted("attacked").await,
+            told.counted("flagged").await,
+        );
         let (visits, drawn) = entries(&expected);
         let drawn = drawn.expect("all are flagged");
-        assert!(visits > 500 && drawn > 100 && drawn < visits, "{drawn} of {visits}");
+        assert!(
+            visits > 500 && drawn > 100 && drawn < visits,
+            "{drawn} of {visits}"
+        );
         assert_eq!(counted, expected, "round {round}");
     }
 }
@@ -286,7 +292,11 @@ async fn a_number_of_a_track_for_each_step_takes_no_memory_to_speak_of() {
     });
     sent(there.clone(), plain.collect()).await;
     let before = most_memory_mib(server.pid());
-    sent(there.clone(), (BATCHES / 2 + 1..=BATCHES).map(batch).collect()).await;
+    sent(
+        there.clone(),
+        (BATCHES / 2 + 1..=BATCHES).map(batch).collect(),
+    )
+    .await;
     let after = most_memory_mib(server.pid());
     println!("{before} MiB with few tracks, {after} MiB with one a step");
     assert!(after <= before + 40, "{before} MiB, then {after} MiB");

@@ -14,7 +14,11 @@ fn writer(directory: &tempfile::TempDir) -> Writer {
         .filename(&path)
         .create_if_missing(true);
     let lock = Lock::take(&path).expect("free");
-    Writer::new(options, lock.identity().clone(), Arc::new(Memory::new(100, Duration::ZERO)))
+    Writer::new(
+        options,
+        lock.identity().clone(),
+        Arc::new(Memory::new(100, Duration::ZERO)),
+    )
 }
 
 async fn execute(transaction: &mut Transaction<'_>, text: &'static str) {
