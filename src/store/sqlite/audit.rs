@@ -323,7 +323,7 @@ fn damage(error: StoreError) -> Cause {
 
 /// Returns what an earlier build counted and is not moved yet. Visits are summed in two halves: a
 /// damaged one could overflow the sum. States are found by their index, and each is looked up in its
-/// table too, which nothing else would read.
+/// table too, which nothing else would read: one that has another key there cannot be moved.
 async fn old_cells(
     moment: &mut SqliteConnection,
     environment: &Environment,
@@ -334,9 +334,10 @@ async fn old_cells(
              coalesce(sum(not (
                  cells.joint between 0 and ?2 - 1 and coalesce(cells.entries between 0 and cells.n, 1)
                  and exists (select 1 from segments where segments.id = cells.segment and segments.environment = ?1)
+                 and stored.key is mine.key
              )), 0)
          from (
-             select id from states indexed by sqlite_autoindex_states_1 where environment = ?1 order by id
+             select id, key from states indexed by sqlite_autoindex_states_1 where environment = ?1 order by id
          ) as mine
          cross join states as stored not indexed on stored.id = mine.id and stored.environment = ?1
          cross join cells on cells.state = mine.id",
