@@ -209,6 +209,16 @@ impl Records {
         })
     }
 
+    /// Returns nine bytes a track: a hasher takes them together many times as fast as one by one.
+    fn bytes_of_tracks(&self) -> Vec<u8> {
+        let mut bytes = Vec::with_capacity(9 * self.tracks.len());
+        for track in &self.tracks {
+            bytes.push(u8::from(track.is_some()));
+            bytes.extend(track.unwrap_or(0).to_le_bytes());
+        }
+        bytes
+    }
+
     fn values_hasher(&self, segment: Option<&Label>) -> blake3::Hasher {
         let mut hasher = blake3::Hasher::new();
         let segment = segment.map_or("", Label::as_str);
@@ -249,10 +259,7 @@ impl Records {
                 hasher.update(column);
             }
         }
-        for track in &self.tracks {
-            hasher.update(&[u8::from(track.is_some())]);
-            hasher.update(&track.unwrap_or(0).to_le_bytes());
-        }
+        hasher.update(&self.bytes_of_tracks());
         hasher
     }
 }
