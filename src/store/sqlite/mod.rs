@@ -286,7 +286,7 @@ impl Store for SqliteStore {
         id: EnvironmentId,
         rule: WrittenRule,
     ) -> Result<Arc<Environment>, StoreError> {
-        let set = || environments::set_rule(&self.writer, &self.memory.directory, id, rule.clone());
+        let set = || environments::set_rule(&self.writer, &self.memory.directory, id, rule);
         self.twice(id, set).await
     }
 
