@@ -16,6 +16,8 @@
 //! | [`uniform_policy`] | `plug_in` without the ego's habits |
 //! | [`conditional`] | any of these, given other agents' actions |
 //! | [`p_value`], [`smallest_p`] | could chance alone have made these counts, and could it be told? |
+//! | [`policy`] | information under other habits of the ego |
+//! | [`pooled`] | many tables asked about as one: tests, size, intervals |
 //! | [`benjamini_hochberg`], [`bayesian_fdr`] | which of many states to call influenced |
 //!
 //! # Conventions
@@ -44,10 +46,13 @@ mod deviance;
 mod estimators;
 mod mutual_information;
 mod null;
+pub mod policy;
+pub mod pooled;
 #[cfg(test)]
 pub(crate) mod samples;
 mod significance;
 mod table;
+mod urn;
 mod x_ln_x;
 
 pub use alphabet::Alphabet;
@@ -58,6 +63,7 @@ pub use estimators::{
     adjusted, chao_shen, dirichlet, grassberger_2003, james_stein, nsb, uniform_policy,
 };
 pub use mutual_information::{excess, miller_madow, plug_in};
+pub use null::moments::Moments;
 pub use null::{ExpectedMethod, expected_if_independent};
 pub use significance::{
     Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p,

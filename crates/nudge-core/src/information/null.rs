@@ -2,16 +2,19 @@
 //! the two variables independent, the yardstick beside every answer. Not a test of significance: it
 //! knows the mean of the null distribution, not its tail.
 
-use super::counts_of_counts::{self, CountOfCounts, counts_of_counts};
+mod margins;
+pub(super) mod moments;
+
 use super::table::Table;
-use super::x_ln_x;
+use margins::Margins;
 
 /// How [`expected_if_independent`] found its figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ExpectedMethod {
     /// The exact mean over all tables with these margins.
     Hypergeometric,
-    /// The leading term of the bias for many visits.
+    /// That mean, with a series in place of the longest sums, or between margins in place of very
+    /// many.
     Asymptotic,
 }
 
@@ -28,30 +31,45 @@ impl ExpectedMethod {
 /// Returns the mean of [`plug_in`](super::plug_in) over all ways to pair up the same margins at
 /// random, in nats, and how it was found.
 ///
-/// To N = 1,000 exact:
-///
-/// ln N + (sum_ij E[n_ij ln n_ij] - sum_i r_i ln r_i - sum_j c_j ln c_j) / N,
+/// (1 / N) sum_ij E\[n_ij ln(n_ij / e_ij)\], e_ij = r_i c_j / N,
 ///
 /// with each n_ij hypergeometric in (r_i, c_j, N) (Vinh, Epps & Bailey 2010, "Information theoretic
-/// measures for clusterings comparison"). Above that (R - 1)(C - 1) / 2N on the occupied rows and
-/// columns (Miller 1955), which overstates tables with fewer visits than cells; never more than the
-/// smaller entropy of the two margins, which bounds any plug-in.
+/// measures for clusterings comparison"). Exact to N = 1,000 and wherever fewer than 100 visits are
+/// expected in each cell. A cell with more has its Taylor series to the fourth order, which is
+/// right to 1e-6 of itself and tends to (1 - r_i / N)(1 - c_j / N) / 2: together the leading term
+/// (R - 1)(C - 1) / 2N of the bias (Miller 1955). More than 1,024 pairs of different margins are
+/// interpolated, right to .2 %.
 ///
 /// Never negative; exactly 0 at N = 0 and with one row or one column.
 pub fn expected_if_independent(table: &Table) -> (f64, ExpectedMethod) {
-    if table.total() > x_ln_x::LARGEST {
-        return (asymptotic(table), ExpectedMethod::Asymptotic);
+    if table.is_line() {
+        return (0.0, ExpectedMethod::Hypergeometric);
     }
-    (hypergeometric(table), ExpectedMethod::Hypergeometric)
+
+    let margins = Margins::new(table.rows(), table.columns());
+    let (sum, is_exact) = sum_of_means(&margins);
+    // Dependence by chance is positive, but where it is tiny, rounding may say otherwise.
+    let expected = (sum / table.total() as f64).max(0.0);
+
+    let method = if is_exact {
+        ExpectedMethod::Hypergeometric
+    } else {
+        ExpectedMethod::Asymptotic
+    };
+    (expected, method)
 }
 
-fn asymptotic(table: &Table) -> f64 {
-    let [rows, columns] = [table.rows(), table.columns()].map(|sums| sums.len() as f64);
-    let [of_rows, of_columns] =
-        [table.rows(), table.columns()].map(|sums| entropy(sums, table.total()));
-    ((rows - 1.0) * (columns - 1.0) / (2.0 * table.total() as f64))
-        .min(of_rows)
-        .min(of_columns)
+/// Returns what all cells add on average to N times the plug-in, and whether that is exact.
+fn sum_of_means(margins: &Margins) -> (f64, bool) {
+    let (mut sum, mut is_exact) = (0.0, !margins.is_coarse);
+    for row in &margins.rows {
+        for column in &margins.columns {
+            let urn = margins.urn(row, column);
+            sum += row.times * column.times * urn.mean_deviance();
+            is_exact &= !urn.is_expanded();
+        }
+    }
+    (sum, is_exact)
 }
 
 /// Returns the plug-in entropy of a margin in nats, at least 0.
@@ -62,67 +80,6 @@ pub(super) fn entropy(sums: &[u64], total: u64) -> f64 {
         .map(|p| -p * p.ln())
         .sum::<f64>()
         .max(0.0)
-}
-
-fn hypergeometric(table: &Table) -> f64 {
-    if table.is_line() {
-        return 0.0;
-    }
-
-    let [rows, columns] =
-        [table.rows(), table.columns()].map(|sums| counts_of_counts(sums.iter().copied()));
-    let mut sum =
-        x_ln_x::tabulated()[table.total() as usize] - surprise(&rows) - surprise(&columns);
-
-    for row in &rows {
-        for column in &columns {
-            sum += row.times * column.times * mean_x_ln_x(row.n, column.n, table.total());
-        }
-    }
-
-    // Dependence by chance is positive, but where it is tiny, rounding may say otherwise.
-    (sum / table.total() as f64).max(0.0)
-}
-
-fn surprise(margins: &[CountOfCounts]) -> f64 {
-    let x_ln_x = x_ln_x::tabulated();
-    counts_of_counts::sum(margins, |n| x_ln_x[n as usize])
-}
-
-/// A term this small beside the sum so far ends it: those that follow fall off faster than
-/// geometrically, and at most a thousand pairs of margins are large enough to be cut short.
-const NEGLIGIBLE: f64 = 1e-19;
-
-/// Returns the mean of x ln x, in nats, where x is the number of marked balls among `drawn` from an
-/// urn of `total`, `marked` of them marked.
-///
-/// The probabilities rise from the smallest x by their ratios,
-/// p(x + 1) / p(x) = (r - x)(c - x) / ((x + 1)(N - r - c + x + 1)), and are made to sum to 1 in the
-/// end, so no factorial is needed. They stay below C(1000, 500) < 1e300 times the first. While they
-/// rise, each is at least a thousandth of the sum before it, so only the upper tail can end it.
-fn mean_x_ln_x(marked: u64, drawn: u64, total: u64) -> f64 {
-    let smallest = (marked + drawn).saturating_sub(total);
-    let largest = marked.min(drawn);
-    let values = &x_ln_x::tabulated()[smallest as usize..=largest as usize];
-
-    let mut marked_left = (marked - smallest) as f64;
-    let mut draws_left = (drawn - smallest) as f64;
-    let mut next = (smallest + 1) as f64;
-    let mut unmarked_undrawn = (total + smallest + 1 - marked - drawn) as f64;
-    let (mut weight, mut weights, mut sum) = (1.0, 0.0, 0.0);
-    for value in values {
-        weights += weight;
-        sum += weight * value;
-        if weight < NEGLIGIBLE * weights {
-            break;
-        }
-        weight *= marked_left * draws_left / (next * unmarked_undrawn);
-        marked_left -= 1.0;
-        draws_left -= 1.0;
-        next += 1.0;
-        unmarked_undrawn += 1.0;
-    }
-    sum / weights
 }
 
 #[cfg(test)]

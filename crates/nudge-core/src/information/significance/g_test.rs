@@ -44,7 +44,7 @@ pub(super) fn williams(table: &Table) -> f64 {
 }
 
 /// Returns the degrees of freedom, (R' - 1)(C' - 1) on the occupied rows and columns.
-pub(super) fn freedoms(table: &Table) -> f64 {
+pub(in crate::information) fn freedoms(table: &Table) -> f64 {
     free(table.rows()) * free(table.columns())
 }
 

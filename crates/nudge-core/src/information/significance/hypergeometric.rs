@@ -9,7 +9,12 @@ const ONE_BY_ONE: u64 = 24;
 
 /// Draws `drawn` balls from an urn of `total`, `marked` of them marked, and returns how many marked
 /// ones came out.
-pub(super) fn draw(random: &mut impl Rng, marked: u64, drawn: u64, total: u64) -> u64 {
+pub(in crate::information) fn draw(
+    random: &mut impl Rng,
+    marked: u64,
+    drawn: u64,
+    total: u64,
+) -> u64 {
     // Exchanging drawn with undrawn, marked with unmarked, and marked with drawn leaves a quarter
     // of all urns.
     if drawn > total - drawn {

@@ -17,6 +17,9 @@ mod permutation;
 mod tests;
 
 pub use discoveries::{bayesian_fdr, benjamini_hochberg};
+pub(super) use g_test::freedoms;
+pub(super) use hypergeometric::draw as draw_marked;
+pub(super) use permutation::Sampler;
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -24,9 +27,8 @@ use rand_pcg::Pcg64;
 use super::mutual_information::plug_in;
 use super::table::Table;
 use enumeration::enumerate;
-use g_test::{expects_enough, freedoms, g_test};
+use g_test::{expects_enough, g_test};
 use margins::{few_tables, least_probability};
-use permutation::Sampler;
 
 /// The p-value of a test of independence: how likely chance alone is to give at least as much
 /// information as was seen.
@@ -152,7 +154,7 @@ fn statistic(slices: &[&Table]) -> f64 {
 }
 
 /// Returns the least value that counts as reaching a statistic.
-fn bar(statistic: f64) -> f64 {
+pub(super) fn bar(statistic: f64) -> f64 {
     statistic - TIE * statistic.max(1.0)
 }
 

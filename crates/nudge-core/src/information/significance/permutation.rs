@@ -14,7 +14,7 @@ const VISITS_PER_DRAW: f64 = 40.0;
 
 /// Draws random tables with the margins of one table, and tells N times the plug-in mutual
 /// information of each.
-pub(super) enum Sampler {
+pub(in crate::information) enum Sampler {
     Visits(Visits),
     Cells(Cells),
 }
@@ -37,7 +37,7 @@ impl Sampler {
 }
 
 /// Shuffles visits: quick for few of them, however many cells there are.
-pub(super) struct Visits {
+pub(in crate::information) struct Visits {
     of_margins: f64,
     /// All rows but the largest, which comes last and has what the others leave.
     rows: Vec<u64>,
@@ -107,7 +107,7 @@ impl Visits {
 
 /// Draws cell after cell from what those before leave (Patefield 1981, algorithm AS 159): as quick
 /// for many visits as for few.
-pub(super) struct Cells {
+pub(in crate::information) struct Cells {
     rows: Vec<u64>,
     columns: Vec<u64>,
     total: u64,
