@@ -42,7 +42,7 @@ use tail::Kept;
 
 pub use memo::MomentsMemo;
 pub use same_pattern::SamePattern;
-pub use tail::TailMethod;
+pub use tail::{TailMethod, gamma_tail};
 
 /// One table, within which alone actions are compared, and where it belongs.
 #[derive(Debug, Clone, Copy)]
@@ -151,7 +151,7 @@ impl Pool {
         self.statistic += table.total() as f64 * plug_in(table);
         self.null.add(memo.moments(table));
         self.patterns.add(table);
-        self.kept.add(table);
+        self.kept.add(table, self.null);
     }
 
     /// Returns what all strata together say. The `seed` is for the permutations of small pools, the
@@ -159,7 +159,8 @@ impl Pool {
     ///
     /// - T = sum_s N_s I_s, M and V its exact mean and variance at the margins of each stratum; the
     ///   p-value is the upper tail Q(M^2 / V, T M / V) of the gamma distribution with these two
-    ///   moments, or of permutations within strata where that is not good: see [`TailMethod`].
+    ///   moments; where that is not good, of one with a third moment, or of permutations within
+    ///   strata: see [`TailMethod`].
     /// - The size is 1/2 sum (X_s^2 - E_0) / sum N_s kappa_s of Pearson's X^2 and its exact mean
     ///   and variance under independence (Haldane 1940), with kappa_s = min(1, Var_0(X_s^2) / 2
     ///   df_s): near independence each X_s^2 exceeds its mean by 2 N_s I_s kappa_s.

@@ -143,7 +143,7 @@ fn the_memo_changes_no_bit() {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig::with_cases(64))]
+    #![proptest_config(ProptestConfig::with_cases(8))]
 
     #[test]
     fn one_stratum_is_its_table(table in tables()) {
