@@ -4,6 +4,7 @@
 mod estimators;
 mod lagged;
 mod networks;
+mod pooled;
 mod significance;
 mod social_force;
 mod tables;

@@ -82,6 +82,68 @@ pub fn null_under_policy(table: &Table, policy: Policy<'_>, seed: u64) -> Moment
     Moments::of_sample(&draws)
 }
 
+/// What many strata together say under a policy, as [`Pool`](super::pooled::Pool) says it under the
+/// habits observed: sums of N times the information, and of its moments under independence.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct PolicyPool {
+    visits: u64,
+    statistic: f64,
+    null: Moments,
+    covered: f64,
+}
+
+impl PolicyPool {
+    /// Adds a stratum. The `seed` is for the permutations of [`null_under_policy`], and should
+    /// differ from stratum to stratum.
+    pub fn add(&mut self, table: &Table, policy: Policy<'_>, seed: u64) {
+        let visits = table.total() as f64;
+        let under = under_policy(table, policy);
+
+        self.visits += table.total();
+        self.statistic += visits * under.information;
+        self.covered += visits * under.covered;
+        self.null.add(null_under_policy(table, policy, seed));
+    }
+
+    /// Returns the information of the strata in nats, weighed by their visits, never negative.
+    pub fn information(&self) -> f64 {
+        self.per_visit(self.statistic)
+    }
+
+    /// Returns its mean were actions independent within each stratum, in nats.
+    pub fn expected_if_independent(&self) -> f64 {
+        self.per_visit(self.null.mean)
+    }
+
+    /// Returns by how much the information exceeds that mean, in nats; may be negative.
+    pub fn excess(&self) -> f64 {
+        self.per_visit(self.statistic - self.null.mean)
+    }
+
+    /// Returns the same in standard deviations under independence; 0 without any.
+    pub fn z(&self) -> f64 {
+        let deviation = self.null.variance.sqrt();
+        if deviation > 0.0 {
+            (self.statistic - self.null.mean) / deviation
+        } else {
+            0.0
+        }
+    }
+
+    /// Returns the policy's probability of the actions seen, the mean over visits, in \[0, 1\].
+    pub fn covered(&self) -> f64 {
+        self.per_visit(self.covered)
+    }
+
+    fn per_visit(&self, sum: f64) -> f64 {
+        if self.visits > 0 {
+            sum / self.visits as f64
+        } else {
+            0.0
+        }
+    }
+}
+
 /// Returns the probability of each row of the table, and what they sum to before they are made to
 /// sum to 1.
 fn weights(table: &Table, policy: Policy<'_>) -> (Vec<f64>, f64) {

@@ -80,6 +80,25 @@ fn a_seed_gives_the_same_moments() {
     assert_ne!(null(1), null(2));
 }
 
+#[test]
+fn strata_add_up_by_their_visits() {
+    let (copy, product) = (grid(&[&[30, 0], &[0, 10]]), grid(&[&[5, 15], &[10, 30]]));
+    let mut pool = PolicyPool::default();
+    for (table, seed) in [(&copy, 1), (&product, 2)] {
+        pool.add(table, UNIFORM, seed);
+    }
+
+    let nulls =
+        [(&copy, 1), (&product, 2)].map(|(table, seed)| null_under_policy(table, UNIFORM, seed));
+    assert!((pool.information() - 0.4 * 2_f64.ln()).abs() < ROUNDING);
+    assert!(
+        (pool.expected_if_independent() - (nulls[0].mean + nulls[1].mean) / 100.0).abs() < ROUNDING
+    );
+    assert!((pool.excess() - pool.information() + pool.expected_if_independent()).abs() < ROUNDING);
+    assert!(pool.z() > 5.0 && pool.covered() == 1.0);
+    assert_eq!(PolicyPool::default().z(), 0.0);
+}
+
 proptest! {
     #[test]
     fn own_habits_are_the_plug_in(table in tables()) {

@@ -28,6 +28,7 @@ mod haldane;
 mod memo;
 mod same_pattern;
 mod size;
+mod stratum;
 mod tail;
 #[cfg(test)]
 mod tests;
@@ -42,20 +43,8 @@ use tail::Kept;
 
 pub use memo::MomentsMemo;
 pub use same_pattern::SamePattern;
+pub use stratum::Stratum;
 pub use tail::{TailMethod, gamma_tail};
-
-/// One table, within which alone actions are compared, and where it belongs.
-#[derive(Debug, Clone, Copy)]
-pub struct Stratum<'a> {
-    /// Which state it is of, by any numbering of the pool's states: the first cluster.
-    pub state: u64,
-    /// Which segment it is of, likewise: the second cluster. The same number for all of them where
-    /// segments are pooled.
-    pub segment: u64,
-    /// Its counts, which should be independent draws (entries), in labels below the alphabet's
-    /// sizes.
-    pub table: &'a Table,
-}
 
 /// What all strata together say.
 #[derive(Debug, Clone, PartialEq)]

@@ -3,9 +3,9 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::Stratum;
 use super::clusters::{Clusters, Ratio};
 use super::haldane::PearsonSquare;
+use super::stratum::Stratum;
 
 /// Half the standard normal quantiles of a 95 % interval apart.
 const NORMAL: f64 = 1.959_963_984_540_054;

@@ -174,3 +174,47 @@ proptest! {
         }
     }
 }
+
+/// The short form of `benches/pooled.rs`: permuted pools, of which the p-values are known.
+#[test]
+fn p_values_are_as_often_small_as_they_say() {
+    const DRAWS: usize = 400;
+    let few = grid(&[&[2, 1, 0], &[0, 1, 1], &[1, 0, 1]]);
+    let dominated = grid(&[&[70, 2, 1], &[1, 3, 1], &[1, 1, 0]]);
+    for (table, strata, method) in [
+        (&few, 6, TailMethod::Permutation),
+        (&dominated, 5, TailMethod::ShiftedGamma),
+    ] {
+        let mut random = rand_pcg::Pcg64::new(1, 1);
+        let mut small = 0;
+        for _ in 0..DRAWS {
+            let drawn: Vec<Table> = (0..strata).map(|_| shuffled(table, &mut random)).collect();
+            let pooled = pool(SEVEN, &drawn.iter().map(alone).collect::<Vec<_>>());
+            assert_eq!(pooled.method, method);
+            small += usize::from(pooled.p_value <= 0.1);
+        }
+
+        let rate = small as f64 / DRAWS as f64;
+        let error = (0.1 * 0.9 / DRAWS as f64).sqrt();
+        assert!(
+            rate < 0.1 + 4.0 * error && rate > 0.1 - 5.0 * error,
+            "{method:?}: {rate}"
+        );
+    }
+}
+
+fn shuffled(table: &Table, random: &mut rand_pcg::Pcg64) -> Table {
+    use rand::seq::SliceRandom;
+    let visits = || {
+        table
+            .triples()
+            .flat_map(|(i, j, n)| std::iter::repeat_n((i, j), n as usize))
+    };
+    let mut columns: Vec<u64> = visits().map(|(_, column)| column).collect();
+    columns.shuffle(random);
+    Table::from_counts(
+        visits()
+            .zip(columns)
+            .map(|((row, _), column)| (row, column, 1)),
+    )
+}
