@@ -36,7 +36,6 @@ mod tests;
 use super::alphabet::Alphabet;
 use super::mutual_information::plug_in;
 use super::null::moments::Moments;
-use super::table::Table;
 use same_pattern::Patterns;
 use size::Sizes;
 use tail::Kept;

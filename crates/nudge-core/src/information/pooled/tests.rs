@@ -4,7 +4,7 @@
 use super::*;
 use crate::information::null::moments::moments;
 use crate::information::samples::{grid, tables};
-use crate::information::{excess, expected_if_independent, plug_in};
+use crate::information::{Table, excess, expected_if_independent};
 use proptest::prelude::*;
 
 const ROUNDING: f64 = 1e-12;
