@@ -1,4 +1,4 @@
-//! The life cycle of environments: idempotent creation, changes of the rule, removal. The store
+//! The life cycle of environments: idempotent creation, changes of what may change, removal. The store
 //! keeps them; what is decided here is what a repeated or changed description means.
 
 use std::sync::Arc;
@@ -7,10 +7,10 @@ use std::time::{Duration, Instant};
 use tracing::{Instrument, instrument};
 
 use crate::api::{self, proto};
-use crate::domain::draft::{DescriptionDraft, RuleDraft};
+use crate::domain::draft::{ChangeDraft, DerivedDraft, DescriptionDraft, RuleDraft};
 use crate::domain::{
-    Asker, Environment, EnvironmentId, EnvironmentPage, Name, Pair, Principal, Schema,
-    UnreadableEnvironment, WrittenRule, hint, page_size,
+    Asker, Change, DerivedFeatures, Environment, EnvironmentId, EnvironmentPage, Name, Pair,
+    Principal, Schema, UnreadableEnvironment, WrittenRule, hint, page_size,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::ingest::Ingest;
@@ -141,8 +141,8 @@ impl Environments {
         })
     }
 
-    /// Makes an environment, or confirms that it exists with this schema; a rule that is given is
-    /// set. Returns whether it was made now.
+    /// Makes an environment, or confirms that it exists with this schema; derived features and a
+    /// rule that are given are set. Returns whether it was made now.
     #[instrument(level = "debug", skip_all)]
     pub async fn apply(
         &self,
@@ -162,45 +162,36 @@ impl Environments {
 
         let (named, kept) = (name.to_owned(), existing.clone());
         // A description may have a million labels.
-        let (name, schema, rule) =
+        let (name, schema, change) =
             beside(move || checked(&named, &description, kept.as_deref())).await??;
 
         if let Some(existing) = existing {
-            return self.confirm(existing, &schema, rule).await;
+            return self.confirm(existing, &schema, change).await;
         }
-        match self
-            .store
-            .create(&name, &schema, rule.unwrap_or_default())
-            .await
-        {
+        match self.store.create(&name, &schema, &change).await {
             Ok(made) => {
                 tracing::info!(environment = %made.name, uid = %made.uid, "an environment was made");
                 Ok((made, true))
             }
             Err(StoreError::AlreadyExists(_)) => {
-                self.confirm(self.find(name.as_str())?, &schema, rule).await
+                self.confirm(self.find(name.as_str())?, &schema, change)
+                    .await
             }
             Err(error) => Err(error.into()),
         }
     }
 
-    /// Changes the parts of a rule that are given.
+    /// Changes the parts of the rule, and the derived features, that are given: all or nothing.
     #[instrument(level = "debug", skip_all)]
-    pub async fn update_rule(
+    pub async fn update(
         &self,
         name: &str,
-        draft: &RuleDraft,
+        draft: &ChangeDraft,
     ) -> Result<Arc<Environment>, Problem> {
         let environment = self.find(name)?;
-        let kept = Some(environment.rule);
-        let merged = environment.rule.merged(draft);
-        let rule = merged.and_then(|rule| within_reach(rule, draft, &environment.schema, kept));
-        let rule = rule.map_err(|faults| Problem::invalid("rule", under_rule(faults)))?;
-        if rule == environment.rule {
-            Ok(environment)
-        } else {
-            self.set_rule(&environment, rule).await
-        }
+        let change = changed(&environment, draft)
+            .map_err(|faults| Problem::invalid("environment", faults))?;
+        self.change(&environment, change).await
     }
 
     /// Removes an environment with its counts and watermarks, and ends its streams and trainings.
@@ -222,14 +213,17 @@ impl Environments {
         Ok(())
     }
 
-    async fn set_rule(
+    /// Changes what is not as it should be already.
+    async fn change(
         &self,
-        environment: &Environment,
-        rule: WrittenRule,
+        environment: &Arc<Environment>,
+        change: Change,
     ) -> Result<Arc<Environment>, Problem> {
-        let changed = self.store.set_rule(environment.id, rule).await?;
-        let rule = &changed.rule;
-        tracing::info!(environment = %changed.name, %rule, before = %environment.rule, "a rule was changed");
+        if environment.with(&change) == **environment {
+            return Ok(Arc::clone(environment));
+        }
+        let changed = self.store.change(environment.id, &change).await?;
+        tell_change(environment, &changed);
         Ok(changed)
     }
 
@@ -270,7 +264,7 @@ impl Environments {
         &self,
         existing: Arc<Environment>,
         schema: &Schema,
-        rule: Option<WrittenRule>,
+        change: Change,
     ) -> Result<(Arc<Environment>, bool), Problem> {
         if existing.schema.hash() != schema.hash() {
             let message = format!(
@@ -283,12 +277,19 @@ impl Environments {
             );
         }
 
-        match rule {
-            Some(rule) if rule != existing.rule => {
-                Ok((self.set_rule(&existing, rule).await?, false))
-            }
-            _ => Ok((existing, false)),
-        }
+        Ok((self.change(&existing, change).await?, false))
+    }
+}
+
+fn tell_change(before: &Environment, now: &Environment) {
+    let environment = now.name.as_str();
+    if before.rule != now.rule {
+        tracing::info!(environment, rule = %now.rule, before = %before.rule, "a rule was changed");
+    }
+    if before.derived != now.derived {
+        let names = now.derived.iter().map(|feature| feature.name.as_str());
+        let derived = names.collect::<Vec<_>>().join(", ");
+        tracing::info!(environment, derived, "derived features were changed");
     }
 }
 
@@ -346,7 +347,7 @@ fn cannot_be_read(environment: &UnreadableEnvironment) -> Problem {
     Problem::new(ErrorKind::Conflict, "ENVIRONMENT_UNREADABLE", message)
 }
 
-type Checked = (Name, Schema, Option<WrittenRule>);
+type Checked = (Name, Schema, Change);
 
 /// Checks a description, beside what exists under its name.
 fn checked(
@@ -364,6 +365,9 @@ fn checked(
         .map_err(|found| faults.extend(found))
         .ok();
 
+    let derived = derived(description.derived.as_deref(), schema.as_ref())
+        .map_err(|found| faults.extend(found));
+
     let kept = existing.map(|environment| environment.rule);
     let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
         (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
@@ -372,20 +376,52 @@ fn checked(
     let rule = description.rule.as_ref().map(given).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found)));
 
-    match (name, schema, rule) {
-        (Ok(name), Some(schema), Ok(rule)) => {
+    match (name, schema, derived, rule) {
+        (Ok(name), Some(schema), Ok(derived), Ok(rule)) => {
             let alike = if existing.is_none() {
                 schema.labels_alike()
             } else {
                 Vec::new()
             };
             if alike.is_empty() {
-                Ok((name, schema, rule))
+                Ok((name, schema, Change { derived, rule }))
             } else {
                 Err(Problem::invalid("environment", alike))
             }
         }
         _ => Err(Problem::invalid("environment", faults)),
+    }
+}
+
+/// Checks derived features that are given. Of a state that is at fault nobody can say what follows.
+fn derived(
+    drafts: Option<&[DerivedDraft]>,
+    schema: Option<&Schema>,
+) -> Result<Option<DerivedFeatures>, Vec<Fault>> {
+    let given = drafts.zip(schema);
+    given
+        .map(|(drafts, schema)| DerivedFeatures::checked(drafts, schema))
+        .transpose()
+}
+
+/// Checks a change of an environment.
+fn changed(environment: &Environment, draft: &ChangeDraft) -> Result<Change, Vec<Fault>> {
+    let mut faults = Vec::new();
+    let schema = &environment.schema;
+    let derived = derived(draft.derived.as_deref(), Some(schema))
+        .map_err(|found| faults.extend(found))
+        .ok();
+
+    let merged = |draft: &RuleDraft| {
+        let rule = environment.rule.merged(draft)?;
+        within_reach(rule, draft, schema, Some(environment.rule))
+    };
+    let rule = draft.rule.as_ref().map(merged).transpose();
+    let rule = rule.map_err(|found| faults.extend(under_rule(found))).ok();
+
+    match (derived, rule) {
+        (Some(derived), Some(rule)) => Ok(Change { derived, rule }),
+        _ => Err(faults),
     }
 }
 

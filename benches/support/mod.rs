@@ -163,6 +163,7 @@ async fn apply(mut client: EnvironmentServiceClient<Wire>, name: &str, schema: p
         name: name.into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     client.apply_environment(request).await.expect("valid");
 }

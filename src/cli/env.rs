@@ -11,10 +11,11 @@ use super::output::{Table, cannot_read, print, print_json, to_json};
 use super::server::Server;
 use super::{Failure, output};
 use crate::api::{json as dto, proto};
-use crate::client::{Connection, schema_of};
+use crate::client::{Connection, derived_of, schema_of};
 use crate::domain::draft::DescriptionDraft;
 use crate::domain::{
-    Angle, Feature, FeatureKind, Outcome, Pair, Schema, SchemaDraft, Unit, WrittenRule,
+    Angle, Coordinates, DerivedFeatures, Feature, FeatureKind, Label, Name, Outcome, Pair, Schema,
+    SchemaDraft, Unit, WrittenRule,
 };
 use crate::error::{ErrorKind, Fault, Problem};
 use crate::information::Alphabet;
@@ -28,8 +29,8 @@ pub(super) enum Env {
     /// Create an environment from a description, or confirm that it exists
     #[command(
         long_about = "Create an environment from a description in JSON, or confirm that it exists with this very one.\n\n\
-        A rule in the file is set; without one the rule stays as it is. State, agents and outcomes cannot be changed: delete the environment, or take \
-        another name.\n\n\
+        A rule in the file is set, and so are derived features; without them they stay as they are. State, agents and outcomes cannot be changed: \
+        delete the environment, or take another name.\n\n\
         What `nudge env show --json` prints is a description too: it is known by its own name, unless --name makes a copy of it.\n\n\
         Example:\n  nudge env apply worlds/hallway.json --name hallway\n  \
         nudge env show hallway --json | nudge env apply - --server http://127.0.0.1:9090\n\n\
@@ -38,7 +39,8 @@ pub(super) enum Env {
         \"agents\": [\n     \
         {\"name\": \"robot\", \"action\": [{\"name\": \"go\", \"integer\": {\"min\": 0, \"max\": 1}}]},\n     \
         {\"name\": \"human\", \"action\": [{\"name\": \"go\", \"integer\": {\"min\": 0, \"max\": 1}}]}]}\n\n\
-        With \"lags\": [1, 2, 3] each agent's action 1 to 3 steps later is observed too; \"may_be_absent\": true lets an agent not act."
+        With \"lags\": [1, 2, 3] each agent's action 1 to 3 steps later is observed too; \"may_be_absent\": true lets an agent not act. \
+        \"derived\": [{\"name\": \"dx\", \"difference\": [\"b.x\", \"a.x\"]}] is what follows from the state (manhattan, equal)."
     )]
     Apply(Apply),
     /// List environments
@@ -48,7 +50,7 @@ pub(super) enum Env {
     List(List),
     /// Show one environment
     #[command(
-        long_about = "Show the state, the agents, what is observed later and the rule of one environment.\n\nExample:\n  nudge env show counter_circuit"
+        long_about = "Show the state, what is derived from it, the agents, what is observed later and the rule of one environment.\n\nExample:\n  nudge env show counter_circuit"
     )]
     Show(Show),
     /// Delete an environment with everything that was counted in it
@@ -132,8 +134,8 @@ impl Apply {
         // hash: what does not fit must be told, not trimmed.
         let schema = checked(&draft).map_err(|faults| Problem::invalid("environment", faults))?;
         let connection = self.server.connect().await?;
-        let (schema, rule) = (Some(schema.into()), draft.rule.map(Into::into));
-        let request = proto::ApplyEnvironmentRequest { name, schema, rule };
+        let draft = DescriptionDraft { schema, ..draft };
+        let request = proto::ApplyEnvironmentRequest::of_description(name, draft);
         let response = connection
             .environments()
             .apply_environment(request)
@@ -164,10 +166,17 @@ impl Apply {
 /// Returns the description as the wire takes it. What only the service can tell, whether it was
 /// made before units of angles were read, is left to it.
 fn checked(draft: &DescriptionDraft) -> Result<SchemaDraft, Vec<Fault>> {
-    if draft.schema_hash.is_some() {
-        return Schema::described(draft, None).map(|schema| schema.draft());
-    }
-    Schema::try_from(&draft.schema.in_radians()).map(|_| draft.schema.clone())
+    let said = draft.schema_hash.is_some();
+    let schema = match said {
+        true => Schema::described(draft, None)?,
+        false => Schema::try_from(&draft.schema.in_radians())?,
+    };
+    DerivedFeatures::checked(draft.derived.as_deref().unwrap_or_default(), &schema)?;
+
+    Ok(match said {
+        true => schema.draft(),
+        false => draft.schema.clone(),
+    })
 }
 
 fn unnamed() -> Failure {
@@ -233,7 +242,9 @@ impl Show {
         if self.json {
             return print_json(&to_json(dto::Environment::from(environment)));
         }
-        print(&described(&environment, &schema_of(&environment)?))
+        let schema = schema_of(&environment)?;
+        let derived = derived_of(&environment, &schema)?;
+        print(&described(&environment, &schema, &derived))
     }
 }
 
@@ -317,36 +328,11 @@ fn stem(file: &Path) -> Option<String> {
         .map(|stem| stem.to_string_lossy().into_owned())
 }
 
-fn described(environment: &proto::Environment, schema: &Schema) -> String {
-    let mut table = Table::new(&["of", "feature", "unit", "bins", "values"]);
-    let mut row = |of: &str, feature: &Feature| {
-        let unit = feature
-            .unit
-            .as_ref()
-            .map(ToString::to_string)
-            .unwrap_or_default();
-        let bins = output::count(u64::from(feature.kind.bins()));
-        table.row([
-            of.to_owned(),
-            feature.name.to_string(),
-            unit,
-            bins,
-            feature.kind.expected(),
-        ]);
-    };
-
-    schema
-        .state()
-        .iter()
-        .for_each(|feature| row("state", feature));
-    schema
-        .action_features()
-        .for_each(|(agent, feature)| row(agent.name.as_str(), feature));
-    // An agent's later action has the features of its action.
-    schema
-        .outcome_features()
-        .filter(|(outcome, _)| outcome.agent.is_none())
-        .for_each(|(outcome, feature)| row(&outcome.name, feature));
+fn described(
+    environment: &proto::Environment,
+    schema: &Schema,
+    derived: &DerivedFeatures,
+) -> String {
     let (name, uid, hash) = (&environment.name, &environment.uid, schema.hash());
     let told: String = thresholds(environment, schema)
         .iter()
@@ -357,12 +343,50 @@ fn described(environment: &proto::Environment, schema: &Schema) -> String {
         .map(|line| format!("note    {line}\n"))
         .collect();
     let rule = rule(environment);
-    let later = later(schema);
+    let (later, formulas) = (later(schema), formulas(schema, derived));
+    let table = features(schema, derived).render("");
 
     format!(
-        "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{later}{notes}\n{}",
-        table.render("")
+        "{name}\nuid     {uid}\nschema  {hash}\nrule    {rule}\n{told}{later}{formulas}{notes}\n{table}"
     )
+}
+
+/// Returns the features of the state, of what follows from it, of actions and of outcomes.
+fn features(schema: &Schema, derived: &DerivedFeatures) -> Table {
+    let mut table = Table::new(&["of", "feature", "unit", "bins", "values"]);
+    let mut row = |of: &str, name: &Name, unit: Option<&Label>, kind: &FeatureKind| {
+        let unit = unit.map(ToString::to_string).unwrap_or_default();
+        let bins = output::count(u64::from(kind.bins()));
+        table.row([of.to_owned(), name.to_string(), unit, bins, kind.expected()]);
+    };
+
+    for coordinate in Coordinates::new(schema, derived).all() {
+        let of = match coordinate.is_derived() {
+            true => "derived",
+            false => "state",
+        };
+        row(of, coordinate.name(), coordinate.unit(), coordinate.kind());
+    }
+    let mut part = |of: &str, feature: &Feature| {
+        row(of, &feature.name, feature.unit.as_ref(), &feature.kind);
+    };
+    schema
+        .action_features()
+        .for_each(|(agent, feature)| part(agent.name.as_str(), feature));
+    // An agent's later action has the features of its action.
+    schema
+        .outcome_features()
+        .filter(|(outcome, _)| outcome.agent.is_none())
+        .for_each(|(outcome, feature)| part(&outcome.name, feature));
+    table
+}
+
+/// Tells what follows from the state, a line each.
+fn formulas(schema: &Schema, derived: &DerivedFeatures) -> String {
+    derived
+        .iter()
+        .map(|feature| format!("derived {} is {}\n", feature.name, feature.formula(schema)))
+        .collect()
 }
 
 /// Tells which agents may be absent, and what is observed how many steps later, a line each.

@@ -8,10 +8,12 @@ use clap::{Args, ValueEnum};
 
 use super::Failure;
 use super::lags::Lags;
+use super::making::make;
 use super::progress::Progress;
 pub(super) use super::report::Report;
 use super::server::Server;
 use crate::client::{Connection, Step, Totals, Track};
+use crate::domain::draft::DescriptionDraft;
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
 
 /// What is part of every producer id: another way to cut the same file into batches must take
@@ -154,11 +156,18 @@ impl Part {
         self.games.iter().map(|game| game.steps.len() as u64).sum()
     }
 
+    fn description(&self) -> DescriptionDraft {
+        DescriptionDraft {
+            derived: Some(self.world.derived()),
+            ..self.world.description().into()
+        }
+    }
+
     /// Makes the environment if it is missing, and sends what the service has not committed yet.
     async fn send(&self, connection: &Connection, progress: &Progress) -> Result<Totals, Failure> {
         let name = &self.environment;
         progress.part(name);
-        connection.apply(name, &self.world.description()).await?;
+        make(connection, name, self.description()).await?;
         let producer = connection
             .producer(name, &self.producer)
             .batch_size(BATCH_SIZE)

@@ -21,6 +21,7 @@ mod health;
 mod ingest;
 mod key;
 mod lags;
+mod making;
 mod model;
 mod output;
 mod progress;

@@ -11,8 +11,8 @@ use std::time::Duration;
 use async_trait::async_trait;
 
 use crate::domain::{
-    ActionTotals, Counts, Environment, EnvironmentId, FitId, Label, Name, ProducerId, Schema,
-    SegmentId, Sequence, StateKey, UnreadableEnvironment, WrittenRule,
+    ActionTotals, Change, Counts, Environment, EnvironmentId, FitId, Label, Name, ProducerId,
+    Schema, SegmentId, Sequence, StateKey, UnreadableEnvironment,
 };
 
 mod error;
@@ -67,19 +67,19 @@ pub trait Store: Send + Sync {
     fn unreadable(&self) -> Vec<Arc<UnreadableEnvironment>>;
 
     /// Makes an environment with a new uid; `AlreadyExists` where the name is taken, `Quota` where
-    /// there are as many as there may be.
+    /// there are as many as there may be. What `change` leaves out has its default.
     async fn create(
         &self,
         name: &Name,
         schema: &Schema,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError>;
 
-    /// Replaces the rule of an environment.
-    async fn set_rule(
+    /// Changes an environment, all that is given or nothing.
+    async fn change(
         &self,
         id: EnvironmentId,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError>;
 
     /// Removes an environment with its counts, receipts, watermarks and models: when this returns,

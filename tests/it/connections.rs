@@ -547,6 +547,7 @@ async fn descriptions_have_a_limit_of_their_own() {
         name: "lane".into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     let refused = app
         .environments()

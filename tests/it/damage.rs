@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::Duration;
 
-use nudge::domain::{EnvironmentId, FitId, RuleDraft, WrittenRule};
+use nudge::domain::draft::{DerivedDraft, DerivedKindDraft};
+use nudge::domain::{Change, DerivedFeatures, EnvironmentId, FitId, RuleDraft, WrittenRule};
 use nudge::store::{
     ByVisits, Cursor, FitRecord, NewModel, Numbered, Options, Outcome, Quotas, Refusal,
     SqliteStore, Store, StoreError,
@@ -40,7 +41,7 @@ async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
         .create(
             &name.parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made")
@@ -248,7 +249,7 @@ async fn changed_below(change: &'static str) -> (SqliteFile, EnvironmentId, Envi
     let store = file.open(Quotas::default()).await;
     let narrow = schema_of(&[("robot", 1_024), ("human", 512)]);
     let name = "narrow".parse().expect("a name");
-    let made = store.create(&name, &narrow, WrittenRule::default()).await;
+    let made = store.create(&name, &narrow, &Default::default()).await;
     let narrow = made.expect("made").id;
     store.close().await;
     execute(&file.path(), change).await;
@@ -1154,8 +1155,16 @@ async fn of_everything() -> (SqliteFile, Vec<Numbered>) {
         min_visits: Some(12),
         ..RuleDraft::default()
     };
-    let rule = WrittenRule::default().merged(&rule).expect("valid");
-    store.set_rule(listed, rule).await.expect("set");
+    let names = ["place", "depth"].map(String::from).to_vec();
+    let level = DerivedDraft {
+        name: "level".into(),
+        kinds: vec![DerivedKindDraft::Equal(names)],
+    };
+    let change = Change {
+        derived: Some(DerivedFeatures::checked(&[level], &schema()).expect("valid")),
+        rule: Some(WrittenRule::default().merged(&rule).expect("valid")),
+    };
+    store.change(listed, &change).await.expect("set");
     keep_others(&store, one).await;
     store.close().await;
     drop(store);

@@ -39,12 +39,18 @@ fn world() -> Value {
             {"name": "old", "unit": "deg", "circular": {"bins": 8, "values": "radians"}},
             {"name": "turns", "unit": "turns", "circular": {"bins": 8, "values": "radians"}},
             {"name": "lane", "integer": {"min": -16_777_216, "max": -16_777_000}},
+            {"name": "goal", "integer": {"min": -16_777_000, "max": -8_777_216}},
             {"name": "held", "categorical": {"labels": labels}}
         ],
         "agents": [
             {"name": "robot", "action": [{"name": "turn", "unit": "degrees", "circular": {"bins": 2}}, {"name": "go", "integer": {"min": 0, "max": 2}}]},
             {"name": "human", "action": [{"name": "move", "categorical": {"labels": ["1", "2", "3"]}}]},
             {"name": "cat", "action": [{"name": "sleep", "categorical": {"labels": ["always"]}}]}
+        ],
+        "derived": [
+            {"name": "turned", "difference": ["deg", "sign"]},
+            {"name": "same", "equal": ["rad", "old"]},
+            {"name": "apart", "manhattan": [["lane", "goal"], ["goal", "lane"]]}
         ]
     })
 }
@@ -106,9 +112,18 @@ async fn what_is_told_comes_back_in() {
             .into_inner()
             .environment;
         let proto::Environment {
-            name, schema, rule, ..
+            name,
+            schema,
+            rule,
+            derived,
+            ..
         } = environment.clone().expect("present");
-        let request = proto::ApplyEnvironmentRequest { name, schema, rule };
+        let request = proto::ApplyEnvironmentRequest {
+            name,
+            schema,
+            rule,
+            derived: Some(proto::DerivedFeatures { features: derived }),
+        };
         let applied = app
             .environments()
             .await
@@ -314,7 +329,8 @@ async fn angles_in_degrees_are_read_in_degrees() {
         app.restart().await,
         "state.x=0&state.none=0&state.rad=0&state.plain=0&state.old=0&state.turns=0",
     );
-    let rest = format!("{rest}&state.lane=-16777216&state.held=1&state.sign=-45");
+    let rest =
+        format!("{rest}&state.lane=-16777216&state.goal=-16777000&state.held=1&state.sign=-45");
     for (degrees, bin, label) in [
         ("90", 2, "90"),
         ("-180", 4, "180"),

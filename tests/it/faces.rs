@@ -359,6 +359,7 @@ async fn kinds_of_error_have_their_codes_on_both_faces() {
         name: "lane".into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     let refused = app
         .environments()
@@ -438,6 +439,7 @@ async fn descriptions_are_faulted_alike() {
         name: "x".into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     let refused = app
         .environments()

@@ -118,6 +118,7 @@ impl Fake {
             schema_hash: schema.hash().0.to_vec(),
             schema: Some(draft.into()),
             rule: Some(WrittenRule::default().into()),
+            derived: Vec::new(),
         };
         memory.environments.insert(name.into(), environment.clone());
         environment
@@ -432,6 +433,13 @@ impl EnvironmentService for Fake {
             environments,
             ..Default::default()
         }))
+    }
+
+    async fn update_environment(
+        &self,
+        _: Request<proto::UpdateEnvironmentRequest>,
+    ) -> Result<Response<proto::UpdateEnvironmentResponse>, Status> {
+        Err(Status::unimplemented("not here"))
     }
 
     async fn update_rule(

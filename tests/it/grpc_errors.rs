@@ -162,6 +162,7 @@ async fn packed_messages_are_read() {
             name: "packed".into(),
             schema: Some(lane_schema()),
             rule: None,
+            derived: None,
         };
         packing.apply_environment(request).await.expect("read");
     }

@@ -929,6 +929,23 @@ async fn recorded_play_is_sent_with_its_lags() {
     let room = app.get("/v1/environments/cramped_room").await;
     assert_eq!(room["state"][0]["name"], json!("player_0.x"));
     assert_eq!(room["outcomes"].as_array().map(Vec::len), Some(2 * 12 + 2));
+    let [x, y] =
+        ["x", "y"].map(|axis| json!([format!("player_1.{axis}"), format!("player_0.{axis}")]));
+    let derived = json!([
+        {"name": "dx", "difference": x},
+        {"name": "dy", "difference": y},
+        {"name": "distance", "manhattan": [x, y]},
+    ]);
+    assert_eq!(room["derived"], derived);
+    // Whoever changed them is not overruled.
+    let none = json!({"derived": []});
+    let (status, changed) = app
+        .rest("PATCH", "/v1/environments/cramped_room", Some(&none))
+        .await;
+    assert_eq!((status, changed.get("derived")), (200, None));
+    let (code, _, stderr) = run(&app, &ingest).await;
+    assert_eq!(code, 0, "{stderr}");
+    assert_eq!(app.get("/v1/environments/cramped_room").await, changed);
     for lag in [0, 1, 12] {
         let summary = app
             .get(&format!("/v1/environments/cramped_room/summary?lag={lag}"))
@@ -954,6 +971,7 @@ async fn recorded_play_is_sent_with_its_lags() {
     let before = "before.cramped_room";
     let told = app.get(&format!("/v1/environments/{before}")).await;
     assert_eq!(told["state"][0]["name"], json!("player_0.position"));
+    assert_eq!(told.get("derived"), None);
     let (code, _, stderr) = run(&app, &[&ingest[..], &["--name", "before"]].concat()).await;
     let line = format!(
         "error: `{before}` is there without outcomes, which are fixed with an environment: give --lags none to send it as it is, or --name NAME for another\n"

@@ -10,6 +10,7 @@ mod client;
 mod connections;
 mod damage;
 mod defaults;
+mod derived;
 mod descriptions;
 mod evidence;
 mod experiments;

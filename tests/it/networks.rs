@@ -6,6 +6,7 @@ use std::time::Duration;
 
 use nudge::api::proto;
 use nudge::app::{App, Upkeep};
+use nudge::domain::draft::ChangeDraft;
 use nudge::domain::draft::TrainingDraft;
 use nudge::domain::{Card, Environment, Job, JobState, Model, RuleDraft, StateKey};
 use nudge::model::Prediction;
@@ -835,8 +836,12 @@ async fn what_has_grown_is_trained_again_by_itself_if_asked() {
         threshold: Some(0.3),
         ..RuleDraft::default()
     };
+    let change = ChangeDraft {
+        rule: Some(threshold),
+        ..ChangeDraft::default()
+    };
     app.environments
-        .update_rule("street", &threshold)
+        .update("street", &change)
         .await
         .expect("valid");
     let job = ended(app, &environment, 1).await;

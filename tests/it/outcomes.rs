@@ -59,6 +59,7 @@ async fn apply(app: &TestApp, name: &str, schema: proto::Schema) -> Result<bool,
         name: name.into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     let applied = app.environments().await.apply_environment(request).await;
     applied.map(|applied| applied.into_inner().created)

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use nudge::api::proto;
 use nudge::domain::draft::{AgentDraft, FeatureDraft, KindDraft};
-use nudge::domain::{Schema, SchemaDraft, WrittenRule};
+use nudge::domain::{Schema, SchemaDraft};
 use nudge::store::{NewModel, Options, Quotas};
 use prost::Message;
 use serde_json::{Value, json};
@@ -75,6 +75,7 @@ async fn apply(app: &TestApp, name: &str, schema: proto::Schema) -> Result<(), S
         name: name.into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     app.environments()
         .await
@@ -90,7 +91,7 @@ async fn stored(app: &TestApp, name: &str, draft: &SchemaDraft) {
     let name = name.parse().expect("a name");
     app.app
         .store
-        .create(&name, &schema, WrittenRule::default())
+        .create(&name, &schema, &Default::default())
         .await
         .expect("made");
 }

@@ -308,7 +308,7 @@ fn requests() -> Vec<(&'static str, &'static str, &'static str, Value)> {
         (
             "PATCH",
             "/v1/environments/lane",
-            "RuleChange",
+            "EnvironmentChange",
             json!({"rule": {}}),
         ),
         (
@@ -449,7 +449,7 @@ async fn every_optional_member_of_every_request_may_be_null_and_nothing_unknown_
         "Question/rule",
         "Description/rule",
         "Description/state/0/unit",
-        "RuleChange/rule/estimators",
+        "EnvironmentChange/rule/estimators",
     ] {
         assert!(
             tried.iter().any(|one| one == expected),

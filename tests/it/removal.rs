@@ -7,7 +7,6 @@ use std::process::Command;
 use std::sync::Arc;
 use std::time::Duration;
 
-use nudge::domain::WrittenRule;
 use nudge::store::{Options, SqliteStore, Store};
 use serde_json::{Value, json};
 use tempfile::TempDir;
@@ -141,7 +140,7 @@ async fn half_swept_rows(database: &Path) {
         .await
         .expect("opened");
     let name = "old".parse().expect("a name");
-    let made = store.create(&name, &schema(), WrittenRule::default()).await;
+    let made = store.create(&name, &schema(), &Default::default()).await;
     let id = made.expect("made").id;
     for sequence in 1..=4 {
         // Each in a row of its own.

@@ -415,7 +415,7 @@ async fn a_rule_that_was_kept_before_stays_and_comes_back_in() {
         threshold: Threshold::Information(0.8),
         ..WrittenRule::default()
     };
-    store.set_rule(id, beyond).await.expect("set");
+    store.change(id, &beyond.into()).await.expect("set");
     let app = TestApp::with(directory, store).await;
 
     let (status, got) = app.rest("GET", WORLD, None).await;

@@ -40,7 +40,8 @@ fn start(address: &str, options: &[&str]) -> Child {
 }
 
 fn schema() -> Schema {
-    let (draft, rule) = description_of_text(DESCRIPTION).expect("JSON");
+    let description = description_of_text(DESCRIPTION).expect("JSON");
+    let (draft, rule) = (description.schema, description.rule);
     assert_eq!(rule, None, "the service's default");
     Schema::try_from(&draft).expect("sound")
 }

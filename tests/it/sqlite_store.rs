@@ -4,7 +4,7 @@
 use std::path::Path;
 use std::sync::Arc;
 
-use nudge::domain::{EnvironmentId, WrittenRule};
+use nudge::domain::EnvironmentId;
 use nudge::store::{
     NewModel, Numbered, Options, Outcome, Quotas, Refusal, SqliteStore, Store, StoreError,
 };
@@ -30,7 +30,7 @@ async fn with_some_counts(store: &Arc<dyn Store>) -> (EnvironmentId, Numbered) {
         .create(
             &"hallway".parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made")
@@ -163,7 +163,7 @@ async fn damage_is_found_and_makes_the_environment_read_only() {
         .create(
             &"healthy".parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made")
@@ -463,7 +463,7 @@ async fn commits_go_on_while_an_environment_is_removed() {
         .create(
             &"large".parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made")

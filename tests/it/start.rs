@@ -294,7 +294,7 @@ async fn closing_ends_a_read_that_goes_on() {
         .create(
             &"lane".parse().expect("a name"),
             &crate::support::batches::schema(),
-            Default::default(),
+            &Default::default(),
         )
         .await
         .expect("made");

@@ -3,9 +3,10 @@
 
 use std::sync::Arc;
 
+use nudge::domain::draft::{DerivedDraft, DerivedKindDraft};
 use nudge::domain::{
-    ActionTotals, Cell, Counts, Environment, EnvironmentId, Family, FitId, SegmentId, Sequence,
-    StateKey, Tally, Threshold, WrittenRule,
+    ActionTotals, Cell, Change, Counts, DerivedFeatures, Environment, EnvironmentId, Family, FitId,
+    Schema, SegmentId, Sequence, StateKey, Tally, Threshold, WrittenRule,
 };
 use nudge::error::ErrorKind;
 use nudge::store::{
@@ -36,6 +37,7 @@ macro_rules! store_contract_with {
         store_contract!($($backend: $database),*; {
             $($case,)*
             an_environment_is_made_changed_and_removed,
+            what_is_not_changed_of_an_environment_stays,
             environments_survive,
             batches_count_in_their_order,
             a_gap_is_refused,
@@ -112,7 +114,7 @@ async fn make(store: &Arc<dyn Store>, name: &str) -> EnvironmentId {
         .create(
             &name.parse().expect("a name"),
             &schema(),
-            nudge::domain::WrittenRule::default(),
+            &Default::default(),
         )
         .await;
     made.expect("a new environment").id
@@ -189,7 +191,7 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
     let made: Arc<Environment> = store.environment("hallway").expect("made");
     assert_eq!((made.id, made.schema.hash()), (id, schema().hash()));
 
-    let again = store.create(&made.name, &schema(), made.rule).await;
+    let again = store.create(&made.name, &schema(), &made.rule.into()).await;
     assert!(matches!(again, Err(StoreError::AlreadyExists(name)) if name == "hallway"));
 
     let threshold = |threshold| WrittenRule {
@@ -198,7 +200,10 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
     };
     let rule = threshold(Threshold::Information(0.1 + 0.2));
     for rule in [threshold(Threshold::Share(0.1 + 0.2)), rule] {
-        assert_eq!(store.set_rule(id, rule).await.expect("changed").rule, rule);
+        assert_eq!(
+            store.change(id, &rule.into()).await.expect("changed").rule,
+            rule
+        );
         assert_eq!(
             store.environment("hallway").expect("still there").rule,
             rule
@@ -208,7 +213,7 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
     store.delete(id).await.expect("removed");
     assert!(store.environment("hallway").is_none() && store.environments().is_empty());
     assert!(is_unknown(store.delete(id).await));
-    assert!(is_unknown(store.set_rule(id, rule).await));
+    assert!(is_unknown(store.change(id, &rule.into()).await));
     assert!(is_unknown(store.totals(id).await));
     assert!(is_unknown(
         store
@@ -216,6 +221,60 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
             .await
     ));
     assert!(is_unknown(store.counts(id, &[state_at(1)]).await));
+}
+
+/// Returns a schema of two wide features of the state, and what follows from them.
+fn of_two_features() -> (Schema, DerivedFeatures) {
+    let mut draft = schema().draft();
+    let mut goal = draft.state[0].clone();
+    goal.name = "goal".into();
+    draft.state.push(goal);
+
+    let schema = Schema::try_from(&draft).expect("valid");
+    let names = ["place", "goal"].map(String::from).to_vec();
+    let there = DerivedDraft {
+        name: "there".into(),
+        kinds: vec![DerivedKindDraft::Equal(names)],
+    };
+    let derived = DerivedFeatures::checked(&[there], &schema).expect("valid");
+    (schema, derived)
+}
+
+async fn what_is_not_changed_of_an_environment_stays(database: &dyn Database) {
+    let (store, _) = open(database).await;
+    let (schema, derived) = of_two_features();
+    let name = "street".parse().expect("a name");
+    let (some, none) = (Some(derived.clone()), Some(DerivedFeatures::default()));
+    let of_derived = |derived| Change {
+        derived,
+        rule: None,
+    };
+
+    let made = store
+        .create(&name, &schema, &of_derived(some.clone()))
+        .await;
+    let made = made.expect("made");
+    assert_eq!(
+        (&made.derived, made.rule),
+        (&derived, WrittenRule::default())
+    );
+    let rule = WrittenRule {
+        min_visits: 3,
+        ..made.rule
+    };
+    let ruled = store.change(made.id, &rule.into()).await.expect("changed");
+    assert_eq!((&ruled.derived, ruled.rule), (&derived, rule));
+    let without = store.change(made.id, &of_derived(none)).await;
+    let without = without.expect("changed");
+    assert_eq!((without.derived.len(), without.rule), (0, rule));
+    assert_eq!(store.environment("street"), Some(without));
+
+    let changed = store.change(made.id, &of_derived(some)).await;
+    let changed = changed.expect("changed");
+    store.close().await;
+    drop(store);
+    let store = database.open(Quotas::default()).await;
+    assert_eq!(store.environment("street"), Some(changed));
 }
 
 async fn environments_survive(database: &dyn Database) {
@@ -934,7 +993,7 @@ async fn the_environments_quota_is_exact(database: &dyn Database) {
             .create(
                 &name.parse().expect("a name"),
                 &schema(),
-                WrittenRule::default(),
+                &Default::default(),
             )
             .await
     };
@@ -1429,7 +1488,7 @@ async fn actions_of_three_agents_come_apart(database: &dyn Database) {
         .create(
             &"yard".parse().expect("a name"),
             &schema,
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made");

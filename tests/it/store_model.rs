@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Family, Tally, WrittenRule};
+use nudge::domain::{ActionTotals, Digest, Environment, EnvironmentId, Family, Tally};
 use nudge::store::{Cursor, Numbered, Outcome, Quotas, Refusal, Store, Totals};
 use proptest::prelude::*;
 use tokio::sync::oneshot;
@@ -295,7 +295,7 @@ impl Pair {
             .create(
                 &NAMES[name].parse().expect("a name"),
                 &schema(),
-                WrittenRule::default(),
+                &Default::default(),
             )
             .await;
         self.worlds[name] = World {
@@ -662,7 +662,7 @@ async fn readers_beside_a_writer(mut file: SqliteFile, cache_cells: usize) {
         .create(
             &"hallway".parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await
         .expect("made")
@@ -746,7 +746,7 @@ async fn actions_are_read_while_commits_go_on() {
         .create(
             &"hallway".parse().expect("a name"),
             &schema(),
-            WrittenRule::default(),
+            &Default::default(),
         )
         .await;
     let id = made.expect("made").id;

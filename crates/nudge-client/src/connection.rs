@@ -6,7 +6,8 @@ use std::time::Duration;
 
 use bytes::Bytes;
 use http_body_util::{BodyExt, Limited};
-use nudge_core::domain::{Schema, SchemaDraft};
+use nudge_core::domain::draft::{DerivedDraft, DescriptionDraft};
+use nudge_core::domain::{DerivedFeatures, Schema, SchemaDraft};
 use nudge_wire::proto;
 use nudge_wire::proto::environment_service_client::EnvironmentServiceClient;
 use nudge_wire::proto::influence_service_client::InfluenceServiceClient;
@@ -104,14 +105,16 @@ impl Connection {
         })
     }
 
-    /// Makes an environment, or confirms that it exists with this very description; its rule stays
-    /// as it is.
-    pub async fn apply(&self, name: &str, schema: &SchemaDraft) -> Result<(), ClientError> {
-        let request = proto::ApplyEnvironmentRequest {
-            name: name.into(),
-            schema: Some(schema.clone().into()),
-            rule: None,
-        };
+    /// Makes an environment, or confirms that it exists with this very description. Its rule and
+    /// its derived features stay as they are where the description says nothing of them.
+    pub async fn apply(
+        &self,
+        name: &str,
+        description: impl Into<DescriptionDraft>,
+    ) -> Result<(), ClientError> {
+        let description: DescriptionDraft = description.into();
+        let schema = description.schema.clone();
+        let request = proto::ApplyEnvironmentRequest::of_description(name.into(), description);
 
         let ask = || {
             let (mut client, request) = (self.environments(), request.clone());
@@ -120,7 +123,7 @@ impl Connection {
         match patiently(ask).await {
             Err(ClientError::Refused(refusal)) if refusal.reason == "SCOPE_MISSING" => {
                 // A key that may only send finds what another made.
-                match self.has_schema(name, schema).await {
+                match self.has_schema(name, &schema).await {
                     true => Ok(()),
                     false => Err(ClientError::Refused(refusal)),
                 }
@@ -279,12 +282,28 @@ pub async fn readiness(address: &str, options: &Options) -> Result<Readiness, Cl
 /// Checks the description that the service keeps of an environment.
 pub fn schema_of(environment: &proto::Environment) -> Result<Schema, ClientError> {
     let draft = SchemaDraft::from(environment.schema.clone().unwrap_or_default());
-    Schema::try_from(&draft).map_err(|_| {
-        let name = &environment.name;
-        ClientError::Disagreement(format!(
-            "the service describes `{name}` in a way that this client does not know"
-        ))
-    })
+    Schema::try_from(&draft).map_err(|_| unknown_description(environment))
+}
+
+/// Checks the derived features that the service keeps of an environment of that schema.
+pub fn derived_of(
+    environment: &proto::Environment,
+    schema: &Schema,
+) -> Result<DerivedFeatures, ClientError> {
+    let drafts: Vec<DerivedDraft> = environment
+        .derived
+        .iter()
+        .cloned()
+        .map(Into::into)
+        .collect();
+    DerivedFeatures::checked(&drafts, schema).map_err(|_| unknown_description(environment))
+}
+
+fn unknown_description(environment: &proto::Environment) -> ClientError {
+    let name = &environment.name;
+    ClientError::Disagreement(format!(
+        "the service describes `{name}` in a way that this client does not know"
+    ))
 }
 
 fn with_scheme(address: &str) -> Result<String, ClientError> {

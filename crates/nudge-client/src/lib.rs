@@ -83,7 +83,7 @@ pub use nudge_core::domain::Secret;
 pub use nudge_core::tracks::{Step, Track};
 pub use {nudge_core::domain, nudge_wire::proto};
 
-pub use connection::{Connection, Readiness, readiness, schema_of};
+pub use connection::{Connection, Readiness, derived_of, readiness, schema_of};
 pub use error::{ClientError, Refusal};
 pub use handshake::{ClientTls, Trust};
 pub use options::{Bearer, Options, Wire};

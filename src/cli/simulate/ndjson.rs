@@ -17,7 +17,7 @@ use crate::simulation::hallway::Hallway;
 
 /// Writes every transition of a hallway to a file, or to standard output if it is called `-`.
 pub(super) fn write(hallway: &Hallway, file: &Path, lags: &Lags) -> Result<(), Failure> {
-    let schema = Schema::try_from(&description(lags)?)
+    let schema = Schema::try_from(&description(lags)?.schema)
         .map_err(|faults| Problem::invalid("environment", faults))?;
     let failed = |error| cannot_write(file, &error);
     let out: Box<dyn Write> = if file == Path::new("-") {

@@ -4,17 +4,17 @@
 use crate::api::json::description_of_text;
 use crate::cli::Failure;
 use crate::cli::lags::Lags;
-use crate::domain::{Schema, SchemaDraft};
+use crate::domain::Schema;
+use crate::domain::draft::DescriptionDraft;
 use crate::error::Problem;
 use crate::simulation::hallway::Hallway;
 use crate::simulation::observation::{self, Observations};
 
 /// Returns the description of the environment, with what both do at these lags.
-pub(super) fn description(lags: &Lags) -> Result<SchemaDraft, Failure> {
-    Ok(SchemaDraft {
-        lags: lags.numbers().iter().copied().map(i64::from).collect(),
-        ..description_of_text(observation::DESCRIPTION)?.0
-    })
+pub(super) fn description(lags: &Lags) -> Result<DescriptionDraft, Failure> {
+    let mut description = description_of_text(observation::DESCRIPTION)?;
+    description.schema.lags = lags.numbers().iter().copied().map(i64::from).collect();
+    Ok(description)
 }
 
 /// Begins to observe a trial.

@@ -9,6 +9,7 @@ use tokio::time::{Instant, sleep_until};
 use super::observed::{description, observed};
 use crate::cli::Failure;
 use crate::cli::lags::Lags;
+use crate::cli::making::make;
 use crate::client::{Connection, Producer, Totals};
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::simulation::observation::{Observation, Observations};
@@ -65,8 +66,7 @@ impl Run {
         connection: &Connection,
         mut progress: impl FnMut(Moment),
     ) -> Result<Totals, Failure> {
-        let description = description(&self.lags)?;
-        connection.apply(&self.environment, &description).await?;
+        make(connection, &self.environment, description(&self.lags)?).await?;
         let producer = connection
             .producer(&self.environment, &self.producer())
             .batch_size(BATCH_SIZE)

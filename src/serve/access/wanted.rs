@@ -114,6 +114,7 @@ const GRPC: &[(&str, Wanted)] = &[
     ("/nudge.v1.EnvironmentService/ListEnvironments", ANY),
     ("/nudge.v1.EnvironmentService/GetEnvironment", ANY),
     ("/nudge.v1.EnvironmentService/ApplyEnvironment", ADMIN),
+    ("/nudge.v1.EnvironmentService/UpdateEnvironment", ADMIN),
     ("/nudge.v1.EnvironmentService/UpdateRule", ADMIN),
     ("/nudge.v1.EnvironmentService/DeleteEnvironment", ADMIN),
     ("/nudge.v1.IngestService/Ingest", INGEST),

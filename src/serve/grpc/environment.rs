@@ -7,9 +7,10 @@ use crate::api::proto::environment_service_server::EnvironmentService;
 use crate::api::proto::{
     ApplyEnvironmentRequest, ApplyEnvironmentResponse, DeleteEnvironmentRequest,
     DeleteEnvironmentResponse, Environment, GetEnvironmentRequest, GetEnvironmentResponse,
-    ListEnvironmentsRequest, ListEnvironmentsResponse, UpdateRuleRequest, UpdateRuleResponse,
+    ListEnvironmentsRequest, ListEnvironmentsResponse, UpdateEnvironmentRequest,
+    UpdateEnvironmentResponse, UpdateRuleRequest, UpdateRuleResponse,
 };
-use crate::domain::draft::DescriptionDraft;
+use crate::domain::draft::ChangeDraft;
 use crate::work::beside;
 use crate::{api, domain};
 
@@ -36,13 +37,8 @@ impl EnvironmentService for Face {
     ) -> Result<Response<ApplyEnvironmentResponse>, Status> {
         let face = self.asked(&request);
         call("ApplyEnvironment", async {
-            let ApplyEnvironmentRequest { name, schema, rule } = request.into_inner();
-            let schema = beside(move || schema.unwrap_or_default().into()).await?;
-            let description = DescriptionDraft {
-                schema,
-                schema_hash: None,
-                rule: rule.map(Into::into),
-            };
+            let (name, description) =
+                beside(move || request.into_inner().into_description()).await?;
             let (environment, created) = face.app.environments.apply(&name, description).await?;
             let environment = beside(move || sendable(&environment)).await?;
             Ok(ApplyEnvironmentResponse {
@@ -89,6 +85,21 @@ impl EnvironmentService for Face {
         .await
     }
 
+    async fn update_environment(
+        &self,
+        request: Request<UpdateEnvironmentRequest>,
+    ) -> Result<Response<UpdateEnvironmentResponse>, Status> {
+        let face = self.asked(&request);
+        call("UpdateEnvironment", async {
+            let (name, change) = request.into_inner().into_change();
+            let environment = face.app.environments.update(&name, &change).await?;
+            Ok(UpdateEnvironmentResponse {
+                environment: Some(beside(move || sendable(&environment)).await?),
+            })
+        })
+        .await
+    }
+
     async fn update_rule(
         &self,
         request: Request<UpdateRuleRequest>,
@@ -96,11 +107,11 @@ impl EnvironmentService for Face {
         let face = self.asked(&request);
         call("UpdateRule", async {
             let UpdateRuleRequest { name, rule } = request.into_inner();
-            let environment = face
-                .app
-                .environments
-                .update_rule(&name, &rule.unwrap_or_default().into())
-                .await?;
+            let change = ChangeDraft {
+                rule: rule.map(Into::into),
+                ..ChangeDraft::default()
+            };
+            let environment = face.app.environments.update(&name, &change).await?;
             Ok(UpdateRuleResponse {
                 environment: Some(beside(move || sendable(&environment)).await?),
             })

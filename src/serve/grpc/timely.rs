@@ -38,8 +38,9 @@ fn is_stream(path: &str) -> bool {
 
 /// Returns what a call asks for.
 fn asked(method: &str) -> Asked {
-    const CHANGES: [&str; 9] = [
+    const CHANGES: [&str; 10] = [
         "ApplyEnvironment",
+        "UpdateEnvironment",
         "UpdateRule",
         "DeleteEnvironment",
         "TrainModel",

@@ -14,8 +14,9 @@ use crate::serve::status::Failure;
 
 /// Creates an environment, or confirms that it exists with this very description.
 ///
-/// A rule that is present sets the rule of an environment that exists; absent, it keeps it. Another
-/// schema under the name is refused with 409. What `GET` answers comes back in as it is.
+/// A rule and derived features that are present set those of an environment that exists; absent,
+/// they are kept. Another schema under the name is refused with 409. What `GET` answers comes back
+/// in as it is.
 #[utoipa::path(
     put,
     path = "/v1/environments/{environment}",
@@ -86,25 +87,22 @@ pub async fn list_environments(
     .await
 }
 
-/// Changes the parts of the rule that are given and keeps the rest.
+/// Changes the parts of the rule and the derived features that are given, all or nothing, and keeps
+/// the rest.
 #[utoipa::path(
     patch,
     path = "/v1/environments/{environment}",
     tag = "environments",
     params(("environment" = String, Path, description = "The environment's name")),
-    request_body = json::RuleChange,
-    responses((status = 200, description = "The environment with its new rule", body = json::Environment), Refusals)
+    request_body = json::EnvironmentChange,
+    responses((status = 200, description = "The environment as it now is", body = json::Environment), Refusals)
 )]
-pub async fn update_rule(
+pub async fn update_environment(
     Plain(app): Plain,
     Path(name): Path<String>,
-    Json(change): Json<json::RuleChange>,
+    Json(change): Json<json::EnvironmentChange>,
 ) -> Result<Response, Failure> {
-    let environment = app
-        .environments
-        .update_rule(&name, &change.rule.into())
-        .await?;
-    shown(environment).await
+    shown(app.environments.update(&name, &change.into()).await?).await
 }
 
 /// Removes an environment with its counts and watermarks, for ever, and ends its streams.

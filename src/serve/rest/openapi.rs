@@ -312,7 +312,7 @@ mod tests {
             "Transitions",
             "Question",
             "Rule",
-            "RuleChange",
+            "EnvironmentChange",
             "TrainingRequest",
             "Description",
         ] {

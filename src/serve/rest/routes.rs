@@ -15,7 +15,7 @@ pub fn routes() -> OpenApiRouter<App> {
     let environment = routes!(
         environments::apply_environment,
         environments::get_environment,
-        environments::update_rule,
+        environments::update_environment,
         environments::delete_environment
     );
     OpenApiRouter::new()

@@ -94,7 +94,21 @@ fn environment(row: &SqliteRow) -> Result<i64, sqlx::Error> {
     let parts = parts.text(row.try_get("schema")?);
     let parts = parts.bytes(row.try_get("schema_hash")?);
     let parts = parts.text(row.try_get("rule")?);
-    Ok(parts.option(row.try_get("block")?, Parts::number).end())
+    let parts = parts.option(row.try_get("block")?, Parts::number);
+    // One without is as it was before there were any.
+    Ok(match derived(row)? {
+        Some(derived) => parts.text(derived).end(),
+        None => parts.end(),
+    })
+}
+
+/// Returns the stored text of the derived features of an environment, if it has any.
+pub(super) fn derived(row: &SqliteRow) -> Result<Option<&str>, sqlx::Error> {
+    match row.try_get("derived") {
+        // Databases of earlier builds, which are only looked at, have no such column.
+        Err(sqlx::Error::ColumnNotFound(_)) => Ok(None),
+        found => found,
+    }
 }
 
 /// Returns whether a row, read with all its columns, is as it was written. One without a checksum

@@ -12,7 +12,7 @@ use super::memory::Memory;
 use super::row_id_cache::RowIdCache;
 use super::stored_forms;
 use super::writer::Writer;
-use crate::domain::{Environment, EnvironmentId, Name, Schema, Uid, WrittenRule};
+use crate::domain::{Change, Environment, EnvironmentId, Name, Schema, Uid};
 use crate::store::{Quotas, StoreError};
 
 pub(super) async fn create(
@@ -20,9 +20,8 @@ pub(super) async fn create(
     quotas: Quotas,
     name: &Name,
     schema: &Schema,
-    rule: WrittenRule,
+    change: &Change,
 ) -> Result<Arc<Environment>, StoreError> {
-    let uid = Uid(uuid::Uuid::new_v4().to_string());
     let mut transaction = writer.begin().await?;
 
     if is_taken(transaction.connection(), name).await? {
@@ -34,17 +33,13 @@ pub(super) async fn create(
         return Err(StoreError::too_many_environments(quotas.environments));
     }
 
-    let id = insert(transaction.connection(), &uid, name, schema, rule)
+    let uid = Uid(uuid::Uuid::new_v4().to_string());
+    let mut made = Environment::new(uid, name.clone(), schema.clone()).with(change);
+    made.id = insert(transaction.connection(), &made)
         .await
         .map_err(aborted)?;
-    checksums::seal(transaction.connection(), id).await?;
-    let made = Arc::new(Environment {
-        id,
-        uid,
-        name: name.clone(),
-        schema: schema.clone(),
-        rule,
-    });
+    checksums::seal(transaction.connection(), made.id).await?;
+    let made = Arc::new(made);
 
     let remember = |memory: &Memory, _: &mut RowIdCache| {
         memory.directory.put(Arc::clone(&made));
@@ -55,11 +50,11 @@ pub(super) async fn create(
     Ok(made)
 }
 
-pub(super) async fn set_rule(
+pub(super) async fn change(
     writer: &Writer,
     directory: &Directory,
     id: EnvironmentId,
-    rule: WrittenRule,
+    change: &Change,
 ) -> Result<Arc<Environment>, StoreError> {
     let mut transaction = writer.begin().await?;
     // Looked up after `begin`, so that two changes cannot pass each other.
@@ -68,19 +63,20 @@ pub(super) async fn set_rule(
         return Err(StoreError::UnknownEnvironment);
     };
 
+    let changed = Arc::new(present.with(change));
     checksums::check(transaction.connection(), id).await?;
-    sqlx::query("update environments set rule = ? where id = ?")
-        .bind(stored_forms::write_rule(&rule))
+    sqlx::query("update environments set rule = ?, derived = ? where id = ?")
+        .bind(stored_forms::write_rule(&changed.rule))
+        .bind(stored_forms::write_derived(
+            &changed.derived,
+            &changed.schema,
+        ))
         .bind(id.0)
         .execute(transaction.connection())
         .await
         .map_err(aborted)?;
     checksums::seal(transaction.connection(), id).await?;
 
-    let changed = Arc::new(Environment {
-        rule,
-        ..Environment::clone(&present)
-    });
     transaction
         .commit(|memory, _| memory.directory.put(Arc::clone(&changed)))
         .await?;
@@ -106,19 +102,16 @@ async fn count(connection: &mut SqliteConnection) -> Result<u64, sqlx::Error> {
 
 async fn insert(
     connection: &mut SqliteConnection,
-    uid: &Uid,
-    name: &Name,
-    schema: &Schema,
-    rule: WrittenRule,
+    made: &Environment,
 ) -> Result<EnvironmentId, sqlx::Error> {
-    let text =
-        "insert into environments (uid, name, schema, schema_hash, rule) values (?, ?, ?, ?, ?)";
+    let text = "insert into environments (uid, name, schema, schema_hash, derived, rule) values (?, ?, ?, ?, ?, ?)";
     let done = sqlx::query(text)
-        .bind(&uid.0)
-        .bind(name.as_str())
-        .bind(stored_forms::write_schema(schema))
-        .bind(schema.hash().0.to_vec())
-        .bind(stored_forms::write_rule(&rule))
+        .bind(&made.uid.0)
+        .bind(made.name.as_str())
+        .bind(stored_forms::write_schema(&made.schema))
+        .bind(made.schema.hash().0.to_vec())
+        .bind(stored_forms::write_derived(&made.derived, &made.schema))
+        .bind(stored_forms::write_rule(&made.rule))
         .execute(&mut *connection)
         .await?;
 

@@ -9,7 +9,8 @@ use super::directory::Loaded;
 use super::error::unreadable;
 use super::stored_forms;
 use crate::domain::{
-    Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment, WrittenRule,
+    DerivedFeatures, Environment, EnvironmentId, Name, Schema, Uid, UnreadableEnvironment,
+    WrittenRule,
 };
 use crate::store::StoreError;
 
@@ -66,11 +67,17 @@ async fn read_one_by_one(connection: &mut SqliteConnection) -> Result<Vec<Loaded
 fn read_environment(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx::Error> {
     let (id, uid) = (EnvironmentId(id), Uid(row.try_get("uid")?));
     Ok(match parse(row, name) {
-        Ok((name, schema, rule)) => Ok(Environment {
+        Ok(Parsed {
+            name,
+            schema,
+            derived,
+            rule,
+        }) => Ok(Environment {
             id,
             uid,
             name,
             schema,
+            derived,
             rule,
         }),
         Err(why) => Err(UnreadableEnvironment {
@@ -82,8 +89,16 @@ fn read_environment(row: &SqliteRow, id: i64, name: &str) -> Result<Loaded, sqlx
     })
 }
 
-/// Reads the parts that have a form, or says what is wrong with the first that cannot be read.
-fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), String> {
+/// The parts that have a form.
+struct Parsed {
+    name: Name,
+    schema: Schema,
+    derived: DerivedFeatures,
+    rule: WrittenRule,
+}
+
+/// Reads them, or says what is wrong with the first that cannot be read.
+fn parse(row: &SqliteRow, name: &str) -> Result<Parsed, String> {
     let text = |column| {
         row.try_get::<&str, _>(column)
             .map_err(|error| format!("its {column}: {error}"))
@@ -101,13 +116,26 @@ fn parse(row: &SqliteRow, name: &str) -> Result<(Name, Schema, WrittenRule), Str
         ));
     }
     let rule = stored_forms::read_rule(text("rule")?).map_err(|why| format!("its rule: {why}"))?;
+    let derived = derived(row, &schema).map_err(|why| format!("its derived features: {why}"))?;
     let name = name
         .parse()
         .map_err(|why: String| format!("its name: {why}"))?;
     // Last, since all others say more.
     match checksums::is_sound_environment(row) {
-        Ok(true) => Ok((name, schema, rule)),
+        Ok(true) => Ok(Parsed {
+            name,
+            schema,
+            derived,
+            rule,
+        }),
         Ok(false) => Err("its name, rule or place: it is not as it was written".to_owned()),
         Err(error) => Err(format!("its checksum: {error}")),
     }
+}
+
+fn derived(row: &SqliteRow, schema: &Schema) -> Result<DerivedFeatures, String> {
+    let text = checksums::derived(row).map_err(|error| error.to_string())?;
+    let read = text.map(|text| stored_forms::read_derived(text, schema));
+    let read = read.transpose().map_err(|why| why.to_string())?;
+    Ok(read.unwrap_or_default())
 }

@@ -39,12 +39,13 @@ macro_rules! files {
     };
 }
 
-const FILES: [(&str, &str); 5] = files![
+const FILES: [(&str, &str); 6] = files![
     "0001_counts",
     "0002_fits",
     "0003_models",
     "0004_owners",
     "0005_packed",
+    "0006_derived",
 ];
 
 impl Migration {

@@ -24,8 +24,8 @@ use super::{
     Outcome, Quotas, Scanned, Stage, StateCounts, Store, StoreError, Totals,
 };
 use crate::domain::{
-    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence,
-    StateKey, UnreadableEnvironment, WrittenRule,
+    ActionTotals, Change, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId,
+    Sequence, StateKey, UnreadableEnvironment,
 };
 
 mod actions;
@@ -273,20 +273,20 @@ impl Store for SqliteStore {
         &self,
         name: &Name,
         schema: &Schema,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError> {
         self.noted(
             None,
-            environments::create(&self.writer, self.quotas, name, schema, rule).await,
+            environments::create(&self.writer, self.quotas, name, schema, change).await,
         )
     }
 
-    async fn set_rule(
+    async fn change(
         &self,
         id: EnvironmentId,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError> {
-        let set = || environments::set_rule(&self.writer, &self.memory.directory, id, rule);
+        let set = || environments::change(&self.writer, &self.memory.directory, id, change);
         self.twice(id, set).await
     }
 

@@ -1,4 +1,4 @@
-//! Serialised forms of schemas, rules and receipts in the database: versioned JSON of our own,
+//! Serialised forms of schemas, derived features, rules and receipts in the database: versioned JSON of our own,
 //! apart from every face's, because it is kept for ever.
 //!
 //! Floats are texts in it: the shortest decimal, which the standard library reads back to the same
@@ -10,9 +10,12 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
-use crate::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
+use crate::domain::draft::{
+    AgentDraft, DerivedDraft, DerivedKindDraft, FeatureDraft, KindDraft, OutcomeDraft,
+};
 use crate::domain::{
-    Angle, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold, WrittenRule,
+    Angle, DerivedFeatures, Receipt, Rejection, RuleDraft, Schema, SchemaDraft, Threshold,
+    WrittenRule,
 };
 use crate::error::Problem;
 use crate::store::form::{self, Unreadable};
@@ -22,6 +25,8 @@ use crate::store::form::{self, Unreadable};
 const SCHEMA_FORM: u32 = 1;
 /// The version of the form of a schema that has.
 const SCHEMA_FORM_OF_OUTCOMES: u32 = 2;
+/// The version of the form of derived features that is written.
+const DERIVED_FORM: u32 = 1;
 /// The version of the form of a rule that is written.
 const RULE_FORM: u32 = 1;
 /// The version of the form of a receipt that is written, without saying so.
@@ -73,6 +78,27 @@ enum KindText {
     CircularDegrees(i64),
     Integer(i64, i64),
     Categorical(Vec<String>),
+}
+
+#[derive(Serialize, Deserialize)]
+struct DerivedText {
+    derived: Vec<DerivedFeatureText>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct DerivedFeatureText {
+    name: String,
+    #[serde(flatten)]
+    kind: DerivedKindText,
+}
+
+/// By names of features of the state.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+enum DerivedKindText {
+    Difference(Vec<String>),
+    Manhattan(Vec<Vec<String>>),
+    Equal(Vec<String>),
 }
 
 #[derive(Serialize, Deserialize)]
@@ -180,6 +206,58 @@ fn outcome(text: OutcomeText) -> Result<OutcomeDraft, Unreadable> {
         lag: Some(i64::from(text.lag)),
         value: features(text.value)?,
     })
+}
+
+/// Writes derived features; `None` where there are none.
+pub(super) fn write_derived(derived: &DerivedFeatures, schema: &Schema) -> Option<String> {
+    let features: Vec<_> = derived
+        .draft(schema)
+        .into_iter()
+        .map(derived_text)
+        .collect();
+    (!features.is_empty()).then(|| form::write(DERIVED_FORM, &DerivedText { derived: features }))
+}
+
+fn derived_text(draft: DerivedDraft) -> DerivedFeatureText {
+    let kind = draft.kinds.into_iter().next();
+    let kind = match kind.expect("a derived feature has one kind") {
+        DerivedKindDraft::Difference(names) => DerivedKindText::Difference(names),
+        DerivedKindDraft::Manhattan(pairs) => DerivedKindText::Manhattan(pairs),
+        DerivedKindDraft::Equal(names) => DerivedKindText::Equal(names),
+    };
+    DerivedFeatureText {
+        name: draft.name,
+        kind,
+    }
+}
+
+/// Reads derived features back.
+pub(super) fn read_derived(text: &str, schema: &Schema) -> Result<DerivedFeatures, Unreadable> {
+    match form::version(text)? {
+        1 => first_derived(form::read_content(text)?, schema),
+        found => Err(Unreadable::Newer {
+            found,
+            newest: DERIVED_FORM,
+        }),
+    }
+}
+
+fn first_derived(text: DerivedText, schema: &Schema) -> Result<DerivedFeatures, Unreadable> {
+    let drafts: Vec<DerivedDraft> = text.derived.into_iter().map(derived).collect();
+    let spoiled = |faults| Unreadable::spoiled(Problem::invalid("derived features", faults));
+    DerivedFeatures::checked(&drafts, schema).map_err(spoiled)
+}
+
+fn derived(text: DerivedFeatureText) -> DerivedDraft {
+    let kind = match text.kind {
+        DerivedKindText::Difference(names) => DerivedKindDraft::Difference(names),
+        DerivedKindText::Manhattan(pairs) => DerivedKindDraft::Manhattan(pairs),
+        DerivedKindText::Equal(names) => DerivedKindDraft::Equal(names),
+    };
+    DerivedDraft {
+        name: text.name,
+        kinds: vec![kind],
+    }
 }
 
 /// Writes a rule.
@@ -473,6 +551,33 @@ mod tests {
             let read = read_schema(&text).expect("what we wrote");
             assert_eq!((read.hash(), &read), (written.hash(), &written));
         }
+    }
+
+    #[test]
+    fn derived_features_read_back_exactly_and_none_are_not_written() {
+        let mut draft = schema_with_edges(vec![0.7]).draft();
+        let feature = |name: &str| FeatureDraft {
+            unit: None,
+            ..named(name, KindDraft::Integer(0, 3))
+        };
+        draft.state.extend([feature("a"), feature("b")]);
+        let schema = Schema::try_from(&draft).expect("valid");
+        let none = DerivedFeatures::default();
+        assert_eq!(write_derived(&none, &schema), None);
+
+        let kept = r#"{"form":1,"derived":[{"name":"d","difference":["a","b"]},{"name":"m","manhattan":[["a","b"],["z","a"]]},{"name":"e","equal":["b","a"]}]}"#;
+        let read = read_derived(kept, &schema).expect("what is kept");
+        assert_eq!(read.len(), 3);
+        assert_eq!(write_derived(&read, &schema).as_deref(), Some(kept));
+
+        let why = |text: &str| read_derived(text, &schema).expect_err("wrong").to_string();
+        let newer = why(&kept.replacen(":1,", ":2,", 1));
+        assert!(newer.contains("form 2 of a newer build"), "{newer}");
+        let gone = why(&kept.replacen("\"b\"", "\"c\"", 1));
+        assert!(
+            gone.contains("/derived/0/difference/1: unknown feature"),
+            "{gone}"
+        );
     }
 
     proptest::proptest! {

@@ -115,7 +115,8 @@ fn scopes(endpoint: &Asked) -> &'static [&'static str] {
         _ if endpoint.face == Face::Rest => &["read"],
         _ => match method {
             "ListEnvironments" | "GetEnvironment" => ANY,
-            "ApplyEnvironment" | "UpdateRule" | "DeleteEnvironment" | "DeleteModel" => &["admin"],
+            "ApplyEnvironment" | "UpdateEnvironment" | "UpdateRule" | "DeleteEnvironment"
+            | "DeleteModel" => &["admin"],
             "Ingest" | "Write" => &["ingest"],
             "GetProducer" => &["read", "ingest"],
             "FitPrior" | "TrainModel" | "ActivateModel" | "RollBackModel" | "CancelJob"

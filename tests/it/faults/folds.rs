@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-use nudge::domain::{EnvironmentId, WrittenRule};
+use nudge::domain::EnvironmentId;
 use nudge::store::{Cursor, Options, Store};
 use rand::rngs::StdRng;
 use rand::{RngExt, SeedableRng};
@@ -81,8 +81,7 @@ impl Prepared {
         let id = match store.environment("wide") {
             Some(environment) => environment.id,
             None => {
-                let rule = WrittenRule::default();
-                let made = store.create(&name, &schema(), rule).await;
+                let made = store.create(&name, &schema(), &Default::default()).await;
                 made.expect("made").id
             }
         };
@@ -427,8 +426,8 @@ async fn make_both(directory: &Path) -> EnvironmentId {
     let store = open(directory, Options::default()).await;
     let mut ids = Vec::new();
     for name in ["wide", "old"] {
-        let (name, rule) = (name.parse().expect("a name"), WrittenRule::default());
-        let made = store.create(&name, &schema(), rule).await;
+        let name = name.parse().expect("a name");
+        let made = store.create(&name, &schema(), &Default::default()).await;
         ids.push(made.expect("made").id);
     }
     // So that it has a segment.

@@ -6,8 +6,8 @@ use std::time::Duration;
 
 use async_trait::async_trait;
 use nudge::domain::{
-    ActionTotals, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId, Sequence,
-    StateKey, UnreadableEnvironment, WrittenRule,
+    ActionTotals, Change, Environment, EnvironmentId, Label, Name, ProducerId, Schema, SegmentId,
+    Sequence, StateKey, UnreadableEnvironment,
 };
 use nudge::store::{
     Audit, ByVisits, Cause, Cursor, FitRecord, Held, Leftovers, ModelRecord, NewModel, Numbered,
@@ -109,16 +109,16 @@ impl Store for Faulty {
         &self,
         name: &Name,
         schema: &Schema,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError> {
-        self.store.create(name, schema, rule).await
+        self.store.create(name, schema, change).await
     }
-    async fn set_rule(
+    async fn change(
         &self,
         id: EnvironmentId,
-        rule: WrittenRule,
+        change: &Change,
     ) -> Result<Arc<Environment>, StoreError> {
-        self.store.set_rule(id, rule).await
+        self.store.change(id, change).await
     }
     async fn delete(&self, id: EnvironmentId) -> Result<(), StoreError> {
         self.store.delete(id).await

@@ -239,6 +239,7 @@ pub async fn make_lane(address: SocketAddr) {
         name: "lane".into(),
         schema: Some(schema),
         rule: None,
+        derived: None,
     };
     client.apply_environment(request).await.expect("valid");
 }

@@ -129,6 +129,7 @@ impl TestApp {
                 name: "lane".into(),
                 schema: Some(lane_schema()),
                 rule: None,
+                derived: None,
             })
             .await
             .expect("valid")

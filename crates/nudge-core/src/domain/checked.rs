@@ -18,7 +18,7 @@ const MOST_STATE_FEATURES: usize = 256;
 const MOST_ACTION_FEATURES: usize = 16;
 const AGENTS: std::ops::RangeInclusive<usize> = 2..=8;
 const MOST_BINS: usize = 65_536;
-const LARGEST_INTEGER: u64 = 1 << 24;
+pub(super) const LARGEST_INTEGER: u64 = 1 << 24;
 const MOST_JOINT_ACTIONS: u64 = 1 << 62;
 const MOST_OUTCOMES: usize = 512;
 
@@ -27,17 +27,21 @@ const MOST_OUTCOMES: usize = 512;
 pub(super) struct Faults(Vec<Fault>);
 
 impl Faults {
-    fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
+    pub(super) fn add(&mut self, pointer: impl Into<String>, detail: impl Into<String>) {
         self.0.push(Fault::new(pointer, detail));
     }
 
-    fn parse<T: FromStr<Err = String>>(&mut self, pointer: String, text: &str) -> Option<T> {
+    pub(super) fn parse<T: FromStr<Err = String>>(
+        &mut self,
+        pointer: String,
+        text: &str,
+    ) -> Option<T> {
         text.parse()
             .map_err(|detail: String| self.add(pointer, detail))
             .ok()
     }
 
-    fn size(
+    pub(super) fn size(
         &mut self,
         pointer: String,
         what: &str,
@@ -54,6 +58,10 @@ impl Faults {
                 ),
             );
         }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.0.len()
     }
 
     pub(super) fn into_result(self) -> Result<(), Vec<Fault>> {
@@ -323,7 +331,11 @@ fn product(a: Option<u64>, b: Option<u64>) -> Option<u64> {
     product.filter(|product| *product <= MOST_JOINT_ACTIONS)
 }
 
-fn unique<T: Hash + Eq + Display>(names: impl Iterator<Item = (String, T)>, faults: &mut Faults) {
+/// Adds a fault for each name that an earlier one has.
+pub(super) fn unique<T: Hash + Eq + Display>(
+    names: impl Iterator<Item = (String, T)>,
+    faults: &mut Faults,
+) {
     let mut seen = HashSet::new();
     for (pointer, name) in names {
         if let Some(again) = seen.replace(name) {
@@ -367,7 +379,7 @@ fn kind(
     unit: Option<&str>,
     faults: &mut Faults,
 ) -> Option<FeatureKind> {
-    let before = faults.0.len();
+    let before = faults.len();
     let kind = match draft {
         KindDraft::Continuous(edges) => {
             continuous(&format!("{pointer}/continuous/edges"), edges, faults)
@@ -380,7 +392,7 @@ fn kind(
             categorical(&format!("{pointer}/categorical/labels"), labels, faults)
         }
     };
-    (faults.0.len() == before).then_some(kind)
+    (faults.len() == before).then_some(kind)
 }
 
 /// Edges are compared as f32, the precision of the values that will meet them.
@@ -454,7 +466,7 @@ fn angle(pointer: &str, values: Option<&str>, unit: Option<&str>, faults: &mut F
 }
 
 fn integer(pointer: &str, min: i64, max: i64, faults: &mut Faults) -> FeatureKind {
-    let before = faults.0.len();
+    let before = faults.len();
     for (name, value) in [("min", min), ("max", max)] {
         if value.unsigned_abs() > LARGEST_INTEGER {
             faults.add(
@@ -471,7 +483,7 @@ fn integer(pointer: &str, min: i64, max: i64, faults: &mut Faults) -> FeatureKin
         );
     }
 
-    let sound = faults.0.len() == before;
+    let sound = faults.len() == before;
     if sound {
         FeatureKind::Integer(min as i32, max as i32)
     } else {

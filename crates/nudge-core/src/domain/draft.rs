@@ -10,8 +10,25 @@ pub struct DescriptionDraft {
     pub schema: SchemaDraft,
     /// The hash that it says state and agents have, because a service wrote it.
     pub schema_hash: Option<String>,
+    /// Its derived features: absent, they are kept as they are.
+    pub derived: Option<Vec<DerivedDraft>>,
     /// Its rule.
     pub rule: Option<RuleDraft>,
+}
+
+/// What is to be changed of an environment; what is absent is kept.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ChangeDraft {
+    /// The parts of its rule.
+    pub rule: Option<RuleDraft>,
+    /// All of its derived features.
+    pub derived: Option<Vec<DerivedDraft>>,
+}
+
+impl From<&SchemaDraft> for DescriptionDraft {
+    fn from(schema: &SchemaDraft) -> Self {
+        schema.clone().into()
+    }
 }
 
 impl From<SchemaDraft> for DescriptionDraft {
@@ -154,6 +171,26 @@ pub enum KindDraft {
     Integer(i64, i64),
     /// The labels.
     Categorical(Vec<String>),
+}
+
+/// A derived feature, unchecked: exactly one kind is expected.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct DerivedDraft {
+    /// Its name.
+    pub name: String,
+    /// The kinds that were given.
+    pub kinds: Vec<DerivedKindDraft>,
+}
+
+/// A kind of derived feature, unchecked: names of features of the state, of which two are expected.
+#[derive(Debug, Clone, PartialEq)]
+pub enum DerivedKindDraft {
+    /// The first less the second.
+    Difference(Vec<String>),
+    /// The sum of the absolute differences of pairs.
+    Manhattan(Vec<Vec<String>>),
+    /// Whether both are the same.
+    Equal(Vec<String>),
 }
 
 /// A rule, or the part of one that was given.

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::{Name, Pair, Rule, Schema, WrittenRule};
+use super::{Coordinates, DerivedFeatures, Name, Pair, Rule, Schema, WrittenRule};
 
 /// The store's number of an environment; never used twice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -31,11 +31,59 @@ pub struct Environment {
     pub name: Name,
     /// Its state and agents, which never change.
     pub schema: Schema,
+    /// Its derived features, which may.
+    pub derived: DerivedFeatures,
     /// Its decision rule, which may.
     pub rule: WrittenRule,
 }
 
+/// What is to be changed of an environment; what is absent is kept.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Change {
+    /// Its derived features.
+    pub derived: Option<DerivedFeatures>,
+    /// Its decision rule.
+    pub rule: Option<WrittenRule>,
+}
+
+impl From<WrittenRule> for Change {
+    fn from(rule: WrittenRule) -> Self {
+        Self {
+            rule: Some(rule),
+            ..Self::default()
+        }
+    }
+}
+
 impl Environment {
+    /// Returns the coordinates that its states are described by.
+    pub fn coordinates(&self) -> Coordinates {
+        Coordinates::new(&self.schema, &self.derived)
+    }
+
+    /// Makes one that the store has no number for yet, without derived features and by the default
+    /// rule.
+    pub fn new(uid: Uid, name: Name, schema: Schema) -> Self {
+        Self {
+            id: EnvironmentId(0),
+            uid,
+            name,
+            schema,
+            derived: DerivedFeatures::default(),
+            rule: WrittenRule::default(),
+        }
+    }
+
+    /// Returns this environment with a change.
+    pub fn with(&self, change: &Change) -> Self {
+        let derived = change.derived.as_ref().unwrap_or(&self.derived);
+        Self {
+            derived: derived.clone(),
+            rule: change.rule.unwrap_or(self.rule),
+            ..self.clone()
+        }
+    }
+
     /// Returns its rule for one pair of agents.
     pub fn rule_of(&self, pair: &Pair) -> Rule {
         self.rule.resolved(pair.alphabet(&self.schema))

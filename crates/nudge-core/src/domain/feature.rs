@@ -50,6 +50,16 @@ impl FeatureKind {
         }
     }
 
+    /// Returns the word for it.
+    pub fn as_str(&self) -> &'static str {
+        match self {
+            Self::Continuous(_) => "continuous",
+            Self::Circular(..) => "circular",
+            Self::Integer(..) => "integer",
+            Self::Categorical(_) => "categorical",
+        }
+    }
+
     /// Returns the bin of `value`; NaN, infinities and values outside an alphabet are misfits.
     #[inline]
     pub fn bin(&self, value: f32) -> Result<u32, BinError<'_>> {

@@ -6,6 +6,7 @@
 //! * An **environment** is one named world: a [`Schema`] (its state's **features** and its
 //!   **agents**), which never changes, and a [`WrittenRule`], which may; for one pair of agents it
 //!   is a [`Rule`].
+//! * **Derived features** ([`DerivedFeatures`]) follow from a state's bins, and may change too.
 //! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is
 //!   `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most
@@ -29,7 +30,9 @@ mod answer;
 mod asker;
 mod batch;
 mod checked;
+mod coordinate;
 mod counts;
+mod derived;
 mod environment;
 mod estimator;
 mod family;
@@ -66,9 +69,13 @@ pub use answer::{
 pub use asker::Asker;
 pub use batch::{Acknowledged, Batch, Receipt, Sequence};
 pub use checked::shortest;
+pub use coordinate::{Coordinate, Coordinates};
 pub use counts::{ActionTotals, Cell, Counts, Increment, MOST_ACTIONS, SegmentId, States, Tally};
+pub use derived::{DerivedFeature, DerivedFeatures};
 pub use draft::{RuleDraft, SchemaDraft};
-pub use environment::{Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment};
+pub use environment::{
+    Change, Environment, EnvironmentId, EnvironmentPage, Uid, UnreadableEnvironment,
+};
 pub use estimator::{Estimator, Estimators};
 pub use family::Family;
 pub use feature::{BinError, Feature, FeatureKind};

@@ -24,6 +24,16 @@ pub fn hint<'a>(name: &str, known: impl IntoIterator<Item = &'a str>) -> String 
     }
 }
 
+/// Returns what [`hint`] does, and nothing where so many faults are told already that looking for
+/// each would keep a service busy.
+pub fn hint_after(faults: usize, name: &str, known: &[&str]) -> String {
+    const MOST_HINTS: usize = 100;
+    match faults < MOST_HINTS {
+        true => hint(name, known.iter().copied()),
+        false => String::new(),
+    }
+}
+
 /// Returns whether a name may have been meant by another.
 pub fn is_near(name: &str, known: &str) -> bool {
     !near(name, &[known]).is_empty()

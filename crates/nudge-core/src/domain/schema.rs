@@ -552,7 +552,7 @@ mod tests {
             let draft = DescriptionDraft {
                 schema: schema.clone(),
                 schema_hash: said,
-                rule: None,
+                ..DescriptionDraft::default()
             };
             Schema::described(&draft, kept).map(|schema| schema.hash())
         };

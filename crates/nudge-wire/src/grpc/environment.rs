@@ -1,14 +1,118 @@
-//! Schemas (state and action spaces), decision rules and environments.
+//! Schemas (state and action spaces), derived features, decision rules and environments.
 
 use nudge_core::domain::draft::{
-    AgentDraft, FeatureDraft, KindDraft, OutcomeDraft, RuleDraft, SchemaDraft,
+    AgentDraft, ChangeDraft, DerivedDraft, DerivedKindDraft, DescriptionDraft, FeatureDraft,
+    KindDraft, OutcomeDraft, RuleDraft, SchemaDraft,
 };
 use nudge_core::domain::{
     Environment, EnvironmentPage, Threshold, UnreadableEnvironment, WrittenRule,
 };
 
+use crate::proto::derived_feature::Kind as DerivedKind;
 use crate::proto::feature::Kind;
 use crate::{present, proto};
+
+impl proto::ApplyEnvironmentRequest {
+    /// Makes the request for an environment of that name.
+    pub fn of_description(name: String, draft: DescriptionDraft) -> Self {
+        Self {
+            name,
+            schema: Some(draft.schema.into()),
+            rule: draft.rule.map(Into::into),
+            derived: draft.derived.map(Into::into),
+        }
+    }
+
+    /// Returns the name and what it describes.
+    pub fn into_description(self) -> (String, DescriptionDraft) {
+        let draft = DescriptionDraft {
+            schema: self.schema.unwrap_or_default().into(),
+            schema_hash: None,
+            derived: self.derived.map(Into::into),
+            rule: self.rule.map(Into::into),
+        };
+        (self.name, draft)
+    }
+}
+
+impl proto::UpdateEnvironmentRequest {
+    /// Returns the name and what is to be changed.
+    pub fn into_change(self) -> (String, ChangeDraft) {
+        let change = ChangeDraft {
+            rule: self.rule.map(Into::into),
+            derived: self.derived.map(Into::into),
+        };
+        (self.name, change)
+    }
+}
+
+impl From<proto::DerivedFeatures> for Vec<DerivedDraft> {
+    fn from(derived: proto::DerivedFeatures) -> Self {
+        derived.features.into_iter().map(Into::into).collect()
+    }
+}
+
+impl From<Vec<DerivedDraft>> for proto::DerivedFeatures {
+    fn from(drafts: Vec<DerivedDraft>) -> Self {
+        Self {
+            features: drafts.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<proto::DerivedFeature> for DerivedDraft {
+    fn from(feature: proto::DerivedFeature) -> Self {
+        Self {
+            name: feature.name,
+            kinds: feature.kind.into_iter().map(Into::into).collect(),
+        }
+    }
+}
+
+impl From<DerivedKind> for DerivedKindDraft {
+    fn from(kind: DerivedKind) -> Self {
+        let names = |pair: proto::FeaturePair| vec![pair.first, pair.second];
+        match kind {
+            DerivedKind::Difference(pair) => Self::Difference(names(pair)),
+            DerivedKind::Manhattan(manhattan) => {
+                Self::Manhattan(manhattan.pairs.into_iter().map(names).collect())
+            }
+            DerivedKind::Equal(pair) => Self::Equal(names(pair)),
+        }
+    }
+}
+
+impl From<DerivedDraft> for proto::DerivedFeature {
+    /// Takes the first kind.
+    fn from(draft: DerivedDraft) -> Self {
+        Self {
+            name: draft.name,
+            kind: draft.kinds.into_iter().next().map(Into::into),
+        }
+    }
+}
+
+impl From<DerivedKindDraft> for DerivedKind {
+    /// Takes the first two names of each list.
+    fn from(kind: DerivedKindDraft) -> Self {
+        match kind {
+            DerivedKindDraft::Difference(names) => Self::Difference(pair(names)),
+            DerivedKindDraft::Manhattan(pairs) => Self::Manhattan(proto::Manhattan {
+                pairs: pairs.into_iter().map(pair).collect(),
+            }),
+            DerivedKindDraft::Equal(names) => Self::Equal(pair(names)),
+        }
+    }
+}
+
+fn pair(names: Vec<String>) -> proto::FeaturePair {
+    let mut names = names.into_iter();
+    let mut next = || names.next().unwrap_or_default();
+    proto::FeaturePair {
+        first: next(),
+        second: next(),
+    }
+}
 
 impl From<proto::Schema> for SchemaDraft {
     fn from(schema: proto::Schema) -> Self {
@@ -218,6 +322,12 @@ impl From<&Environment> for proto::Environment {
             schema_hash: environment.schema.hash().0.to_vec(),
             schema: Some(environment.schema.draft().into()),
             rule: Some(environment.rule.into()),
+            derived: environment
+                .derived
+                .draft(&environment.schema)
+                .into_iter()
+                .map(Into::into)
+                .collect(),
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Descriptions: what an environment is, in a request and in a file.
 
 use nudge_core::domain::draft::{
-    AgentDraft, DescriptionDraft, FeatureDraft, KindDraft, OutcomeDraft, RuleDraft, SchemaDraft,
+    AgentDraft, ChangeDraft, DerivedDraft, DerivedKindDraft, DescriptionDraft, FeatureDraft,
+    KindDraft, OutcomeDraft, SchemaDraft,
 };
 use nudge_core::error::{Fault, Problem};
 use serde::{Deserialize, Serialize};
@@ -11,12 +12,12 @@ use super::decode::or_default;
 use super::whole::{perhaps_whole, whole, wholes_if_any};
 use super::{Rule, decode, words};
 
-/// What an environment is: its state, its agents, its outcomes and its decision rule. What a
-/// service tells of an environment is such a description too.
+/// What an environment is: its state, its agents, its outcomes, its derived features and its
+/// decision rule. What a service tells of an environment is such a description too.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(
     deny_unknown_fields,
-    expecting = "an object of state, agents, outcomes, lags and rule"
+    expecting = "an object of state, agents, outcomes, lags, derived and rule"
 )]
 pub struct Description {
     /// The name that a service told; checked against the path where it is given.
@@ -54,10 +55,26 @@ pub struct Description {
     )]
     #[schema(nullable, example = json!([1, 2, 3]), max_items = 64)]
     pub lags: Vec<i64>,
+    /// The derived features. Present, they set those of an environment that exists; absent, they
+    /// are kept, or a new one has none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(max_items = 64)]
+    pub derived: Option<Vec<DerivedFeature>>,
     /// The rule. Present, it sets the rule of an environment that exists; absent, it keeps it, or
     /// takes the default for a new one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rule: Option<Rule>,
+}
+
+/// A change of an environment; what is absent is kept.
+#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields, expecting = "an object of rule and derived")]
+pub struct EnvironmentChange {
+    /// The parts of the rule to change.
+    pub rule: Option<Rule>,
+    /// All of the derived features.
+    #[schema(max_items = 64)]
+    pub derived: Option<Vec<DerivedFeature>>,
 }
 
 /// One decision maker.
@@ -156,6 +173,36 @@ pub struct Feature {
     pub categorical: Option<Categorical>,
 }
 
+/// A coordinate that follows from a state's bins, with exactly one of `difference`, `manhattan` and
+/// `equal`. Questions are asked in it; nothing is counted by it, the schema hash does not know it,
+/// and it may be changed.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
+#[serde(
+    deny_unknown_fields,
+    expecting = "an object of name and one of difference, manhattan, equal"
+)]
+pub struct DerivedFeature {
+    /// Matches `[a-z0-9][a-z0-9._-]{0,62}`; unique among features of the state, agents, outcomes
+    /// and derived features.
+    #[serde(default)]
+    #[schema(required, example = "dx", pattern = "^[a-z0-9][a-z0-9._-]{0,62}$")]
+    pub name: String,
+    /// The first feature of the state less the second: of two integer features a whole number, of
+    /// two circular ones with the same bins and unit a sector of that circle.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(["human.x", "robot.x"]), min_items = 2, max_items = 2)]
+    pub difference: Option<Vec<String>>,
+    /// The sum of the absolute differences of pairs of integer features of the state.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 1, max_items = 16)]
+    pub manhattan: Option<Vec<Vec<String>>>,
+    /// Whether two features of the state are the same, `false` or `true`: of two integer features
+    /// the same number, of others with the same bins the same bin.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(min_items = 2, max_items = 2)]
+    pub equal: Option<Vec<String>>,
+}
+
 /// Bin = number of edges <= value, so k edges make k + 1 bins.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields, expecting = "an object of edges")]
@@ -206,27 +253,11 @@ pub struct Categorical {
 }
 
 /// Reads a description from a file's text.
-pub fn description_of_text(text: &str) -> Result<(SchemaDraft, Option<RuleDraft>), Problem> {
-    let description: Description = decode("environment", text.as_bytes())?;
-    let DescriptionDraft { schema, rule, .. } = description.into();
-    Ok((schema, rule))
+pub fn description_of_text(text: &str) -> Result<DescriptionDraft, Problem> {
+    decode::<Description>("environment", text.as_bytes()).map(Into::into)
 }
 
 impl Description {
-    /// Makes a description as people write it.
-    pub fn of_schema(schema: SchemaDraft, rule: Option<RuleDraft>) -> Self {
-        let state = schema.state.into_iter().map(Into::into).collect();
-        let agents = schema.agents.into_iter().map(Into::into).collect();
-        Self {
-            state,
-            agents,
-            outcomes: schema.outcomes.into_iter().map(Into::into).collect(),
-            lags: schema.lags,
-            rule: rule.map(Into::into),
-            ..Self::default()
-        }
-    }
-
     /// Returns this description for an environment of that name, unless it says that it has
     /// another.
     pub fn of_name(self, name: &str) -> Result<DescriptionDraft, Problem> {
@@ -250,7 +281,6 @@ impl From<Description> for DescriptionDraft {
         let state = description.state.into_iter().map(Into::into).collect();
         let agents = description.agents.into_iter().map(Into::into).collect();
         let outcomes = description.outcomes.into_iter().map(Into::into).collect();
-        let (schema_hash, rule) = (description.schema_hash, description.rule.map(Into::into));
         Self {
             schema: SchemaDraft {
                 state,
@@ -258,9 +288,77 @@ impl From<Description> for DescriptionDraft {
                 outcomes,
                 lags: description.lags,
             },
-            schema_hash,
-            rule,
+            schema_hash: description.schema_hash,
+            derived: description.derived.map(drafts),
+            rule: description.rule.map(Into::into),
         }
+    }
+}
+
+impl From<DescriptionDraft> for Description {
+    fn from(draft: DescriptionDraft) -> Self {
+        let SchemaDraft {
+            state,
+            agents,
+            outcomes,
+            lags,
+        } = draft.schema;
+        let derived = draft.derived;
+        Self {
+            name: None,
+            uid: None,
+            schema_hash: draft.schema_hash,
+            state: state.into_iter().map(Into::into).collect(),
+            agents: agents.into_iter().map(Into::into).collect(),
+            outcomes: outcomes.into_iter().map(Into::into).collect(),
+            lags,
+            derived: derived.map(|derived| derived.into_iter().map(Into::into).collect()),
+            rule: draft.rule.map(Into::into),
+        }
+    }
+}
+
+impl From<EnvironmentChange> for ChangeDraft {
+    fn from(change: EnvironmentChange) -> Self {
+        Self {
+            rule: change.rule.map(Into::into),
+            derived: change.derived.map(drafts),
+        }
+    }
+}
+
+fn drafts(derived: Vec<DerivedFeature>) -> Vec<DerivedDraft> {
+    derived.into_iter().map(Into::into).collect()
+}
+
+impl From<DerivedFeature> for DerivedDraft {
+    fn from(feature: DerivedFeature) -> Self {
+        let kinds = [
+            feature.difference.map(DerivedKindDraft::Difference),
+            feature.manhattan.map(DerivedKindDraft::Manhattan),
+            feature.equal.map(DerivedKindDraft::Equal),
+        ];
+        Self {
+            name: feature.name,
+            kinds: kinds.into_iter().flatten().collect(),
+        }
+    }
+}
+
+impl From<DerivedDraft> for DerivedFeature {
+    fn from(draft: DerivedDraft) -> Self {
+        let mut feature = Self {
+            name: draft.name,
+            ..Self::default()
+        };
+        for kind in draft.kinds {
+            match kind {
+                DerivedKindDraft::Difference(names) => feature.difference = Some(names),
+                DerivedKindDraft::Manhattan(pairs) => feature.manhattan = Some(pairs),
+                DerivedKindDraft::Equal(names) => feature.equal = Some(names),
+            }
+        }
+        feature
     }
 }
 
@@ -355,7 +453,7 @@ impl From<FeatureDraft> for Feature {
 
 #[cfg(test)]
 mod tests {
-    use nudge_core::domain::{Schema, WrittenRule};
+    use nudge_core::domain::{DerivedFeatures, Schema, WrittenRule};
 
     use super::*;
     use crate::proto;
@@ -364,21 +462,30 @@ mod tests {
         { "state":  [ {"name": "distance", "unit": "m",  "continuous": {"edges": [0.5, 0.7, 1, 1.5]}},
                       {"name": "bearing",  "unit": "rad","circular":   {"bins": 8}},
                       {"name": "lane",                  "integer":    {"min": 0, "max": 3}},
+                      {"name": "goal",                  "integer":    {"min": 0, "max": 3}},
                       {"name": "held",                  "categorical":{"labels": ["nothing", "oignon é", "左"]}} ],
           "agents": [ {"name": "robot", "action": [ {"name": "turn",  "continuous": {"edges": [-0.2, 0.2]}},
                                                     {"name": "speed", "continuous": {"edges": []}} ]},
                       {"name": "human", "action": [ {"name": "move", "categorical": {"labels": ["go", "stay"]}} ]} ],
+          "derived": [ {"name": "lanes", "difference": ["lane", "goal"]}, {"name": "apart", "manhattan": [["lane", "goal"]]},
+                       {"name": "there", "equal": ["lane", "goal"]} ],
           "rule":   { "kind": "paper", "threshold": 0.5, "unit": "nats", "min_visits": 8, "confidence": 0.8,
                       "estimators": ["nsb"] } }"#;
 
     #[test]
     fn a_description_goes_through_the_domain_and_comes_back() {
-        let (draft, rule) = description_of_text(HALLWAY).expect("valid");
-        let schema = Schema::try_from(&draft).expect("valid");
+        let draft = description_of_text(HALLWAY).expect("valid");
+        let schema = Schema::try_from(&draft.schema).expect("valid");
+        let derived = DerivedFeatures::checked(&draft.derived.expect("given"), &schema);
         let rule = WrittenRule::default()
-            .merged(&rule.expect("given"))
+            .merged(&draft.rule.expect("given"))
             .expect("valid");
-        let again = Description::of_schema(schema.draft(), Some(proto::Rule::from(rule).into()));
+        let again = Description::from(DescriptionDraft {
+            schema: schema.draft(),
+            schema_hash: None,
+            derived: Some(derived.expect("valid").draft(&schema)),
+            rule: Some(proto::Rule::from(rule).into()),
+        });
         let written = serde_json::to_value(again).expect("JSON");
         let given: serde_json::Value = serde_json::from_str(HALLWAY).expect("JSON");
         // 1 and 1.0 are the same edge, so the edges are compared as numbers.
@@ -386,11 +493,13 @@ mod tests {
         let rest =
             |value: &serde_json::Value| value["state"].as_array().expect("a list")[1..].to_vec();
         assert_eq!(rest(&written), rest(&given));
-        assert_eq!(written["rule"], given["rule"]);
+        for member in ["derived", "rule"] {
+            assert_eq!(written[member], given[member]);
+        }
         let text = serde_json::to_string(&written).expect("JSON");
-        let (same, _) = description_of_text(&text).expect("valid");
+        let same = description_of_text(&text).expect("valid");
         assert_eq!(
-            Schema::try_from(&same).expect("valid").hash(),
+            Schema::try_from(&same.schema).expect("valid").hash(),
             schema.hash()
         );
     }
@@ -398,16 +507,16 @@ mod tests {
     #[test]
     fn the_domain_says_that_one_kind_is_expected() {
         let text = r#"{"state": [{"name": "a", "circular": {"bins": 1}, "integer": {"min": 0, "max": 1}}, {"name": "b"}]}"#;
-        let (draft, _) = description_of_text(text).expect("JSON");
-        let faults = Schema::try_from(&draft).expect_err("wrong");
+        let draft = description_of_text(text).expect("JSON");
+        let faults = Schema::try_from(&draft.schema).expect_err("wrong");
         let pointers: Vec<&str> = faults.iter().map(|fault| fault.pointer.as_str()).collect();
         assert_eq!(pointers, ["/state/0", "/state/1", "/agents"]);
     }
 
     #[test]
     fn an_empty_description_is_for_the_domain_to_refuse() {
-        let (draft, rule) = description_of_text("{}").expect("JSON");
-        assert!(Schema::try_from(&draft).is_err());
-        assert_eq!(rule, None);
+        let draft = description_of_text("{}").expect("JSON");
+        assert!(Schema::try_from(&draft.schema).is_err());
+        assert_eq!((draft.rule, draft.derived), (None, None));
     }
 }

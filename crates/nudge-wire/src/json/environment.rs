@@ -1,9 +1,11 @@
 //! Environments as the service keeps them.
 
+use nudge_core::domain::SchemaDraft;
+use nudge_core::domain::draft::DerivedDraft;
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use super::{Agent, Description, Feature, Outcome, Rule};
+use super::{Agent, DerivedFeature, Feature, Outcome, Rule};
 use crate::{present, proto};
 
 /// An environment as the service keeps it. It is a description too: `PUT` takes it as it is.
@@ -24,6 +26,9 @@ pub struct Environment {
     /// What is observed some steps later; absent where there is nothing.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub outcomes: Vec<Outcome>,
+    /// The derived features, in order; absent where there are none.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub derived: Vec<DerivedFeature>,
     /// The rule, every part present, and of `threshold` and `share` the one that was given.
     pub rule: Rule,
 }
@@ -56,8 +61,7 @@ pub struct UnreadableEnvironment {
 
 impl From<proto::Environment> for Environment {
     fn from(environment: proto::Environment) -> Self {
-        let description =
-            Description::of_schema(environment.schema.unwrap_or_default().into(), None);
+        let schema = SchemaDraft::from(environment.schema.unwrap_or_default());
         Self {
             name: environment.name,
             uid: environment.uid,
@@ -66,9 +70,14 @@ impl From<proto::Environment> for Environment {
                 .iter()
                 .map(|byte| format!("{byte:02x}"))
                 .collect(),
-            state: description.state,
-            agents: description.agents,
-            outcomes: description.outcomes,
+            state: schema.state.into_iter().map(Into::into).collect(),
+            agents: schema.agents.into_iter().map(Into::into).collect(),
+            outcomes: schema.outcomes.into_iter().map(Into::into).collect(),
+            derived: environment
+                .derived
+                .into_iter()
+                .map(|feature| DerivedDraft::from(feature).into())
+                .collect(),
             rule: environment.rule.unwrap_or_default().into(),
         }
     }

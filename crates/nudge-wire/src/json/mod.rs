@@ -31,8 +31,8 @@ pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdi
 pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weighting};
 pub use decode::decode;
 pub use description::{
-    Agent, Categorical, Circular, Continuous, Description, Feature, Integer, Outcome,
-    description_of_text,
+    Agent, Categorical, Circular, Continuous, DerivedFeature, Description, EnvironmentChange,
+    Feature, Integer, Outcome, description_of_text,
 };
 pub use environment::{Environment, EnvironmentPage, UnreadableEnvironment};
 pub use evidence::{Fit, Fits, FittedPrior, Probability, Segmentation, Significance, dependence};
@@ -54,7 +54,7 @@ pub use query::{
 };
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
-pub use rule::{Rule, RuleChange};
+pub use rule::Rule;
 pub use transitions::{
     Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines,
 };

@@ -56,14 +56,6 @@ pub struct Rule {
     pub estimators: Option<Vec<String>>,
 }
 
-/// A change of an environment: the parts of its rule that are given.
-#[derive(Debug, Clone, PartialEq, Deserialize, ToSchema)]
-#[serde(deny_unknown_fields, expecting = "an object of rule")]
-pub struct RuleChange {
-    /// The parts to change.
-    pub rule: Rule,
-}
-
 impl From<Rule> for RuleDraft {
     fn from(rule: Rule) -> Self {
         let Rule {

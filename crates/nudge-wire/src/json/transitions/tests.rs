@@ -13,7 +13,7 @@ fn schema() -> Schema {
         "agents": [{"name": "robot", "action": [{"name": "turn", "continuous": {"edges": [0]}},
                                                 {"name": "speed", "integer": {"min": 0, "max": 3}}]},
                    {"name": "human", "action": [{"name": "move", "categorical": {"labels": ["go", "stay"]}}]}]}"#;
-    Schema::try_from(&description_of_text(text).expect("valid").0).expect("valid")
+    Schema::try_from(&description_of_text(text).expect("valid").schema).expect("valid")
 }
 
 const GOOD: &str = r#"{"state": {"held": "左", "distance": 1.2}, "actions": {"human": "stay", "robot": {"speed": 2, "turn": -0.1}}}"#;

@@ -5,7 +5,9 @@ use std::str::FromStr;
 
 use super::{Cell, Held, Kitchen, Move, Object, Orientation, Player, Step, Thing};
 use nudge_core::domain::SchemaDraft;
-use nudge_core::domain::draft::{AgentDraft, FeatureDraft, KindDraft, OutcomeDraft};
+use nudge_core::domain::draft::{
+    AgentDraft, DerivedDraft, DerivedKindDraft, FeatureDraft, KindDraft, OutcomeDraft,
+};
 
 /// How much of a kitchen's state is kept. Each is finer than the one before.
 ///
@@ -91,8 +93,9 @@ impl FromStr for Abstraction {
 /// then the pots row by row.
 ///
 /// Seen [`at_lags`](Self::at_lags), a player's place is `x` and `y` in the place of `position`, so
-/// that how far apart the players are can be told of their bins, and a step has outcomes: what both
-/// do so many steps later, and what each holds after one.
+/// that how far apart the players are can be told of their bins: `dx` and `dy` from player 0 to
+/// player 1, and `distance`, the sum of both without signs. And a step has outcomes: what both do
+/// so many steps later, and what each holds after one.
 #[derive(Debug, Clone)]
 pub struct World {
     kitchen: Kitchen,
@@ -150,6 +153,29 @@ impl World {
             outcomes: self.held_next(),
             lags: self.lags.iter().copied().map(i64::from).collect(),
         }
+    }
+
+    /// Returns where the players are to each other; nothing where their places are labels.
+    pub fn derived(&self) -> Vec<DerivedDraft> {
+        if self.lags.is_empty() {
+            return Vec::new();
+        }
+        let [zero, one] = PLAYERS;
+        let [x, y] = ["x", "y"].map(|axis| {
+            [one, zero]
+                .map(|player| format!("{player}.{axis}"))
+                .to_vec()
+        });
+        [
+            ("dx", DerivedKindDraft::Difference(x.clone())),
+            ("dy", DerivedKindDraft::Difference(y.clone())),
+            ("distance", DerivedKindDraft::Manhattan(vec![x, y])),
+        ]
+        .map(|(name, kind)| DerivedDraft {
+            name: name.into(),
+            kinds: vec![kind],
+        })
+        .to_vec()
     }
 
     /// Returns the outcomes that are no actions: what each player holds one step later.

@@ -1,7 +1,7 @@
 //! The files that come with the program, and files that are wrong.
 
 use super::*;
-use nudge_core::domain::{Entry, Schema};
+use nudge_core::domain::{DerivedFeatures, Entry, Schema};
 use nudge_core::tracks::{Step as Played, Track};
 
 const HEADER: &str = "layout,trial,t,state,action0,action1\n";
@@ -166,6 +166,31 @@ fn at_lags_places_are_numbers_and_what_is_held_is_an_outcome() {
                     "player_1.held_next"
                 ]
             );
+        }
+    }
+}
+
+#[test]
+fn at_lags_players_are_so_far_apart_as_the_recording_says() {
+    for game in games(1) {
+        let kitchen = Kitchen::named(&game.layout).expect("known");
+        let usual = World::new(kitchen, Abstraction::Pos);
+        assert_eq!(usual.derived(), [], "places are labels");
+
+        let world = usual.at_lags(vec![1]);
+        let schema = Schema::try_from(&world.description()).expect("valid");
+        let derived = DerivedFeatures::checked(&world.derived(), &schema).expect("valid");
+        for step in &game.steps {
+            let key = schema.key_of_values(&world.values(step).0).expect("valid");
+            let [zero, one] = &step.players;
+            let [dx, dy] = [(zero.x, one.x), (zero.y, one.y)]
+                .map(|(from, to)| i64::from(to) - i64::from(from));
+            let expected = [dx, dy, dx.abs() + dy.abs()].map(|number| number.to_string());
+            let told: Vec<String> = derived
+                .iter()
+                .map(|feature| feature.kind.bin_label(feature.bin(&key)))
+                .collect();
+            assert_eq!(told, expected, "{}", game.layout);
         }
     }
 }
