@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 
+use super::near::hint_after;
 use super::{DerivedFeature, DerivedFeatures, Feature, FeatureKind, Label, Name, Schema, StateKey};
 
 /// One named coordinate of a state: a feature of it, or a derived one. Cloning is cheap.
@@ -23,6 +24,7 @@ enum Source {
 pub struct Coordinates {
     all: Vec<Coordinate>,
     by_name: HashMap<Name, usize>,
+    features: usize,
 }
 
 impl Coordinate {
@@ -63,6 +65,11 @@ impl Coordinate {
             Source::Derived(feature) => feature.bin(key),
         }
     }
+
+    /// Returns its place among the coordinates: features of the state in order, then derived ones.
+    pub(super) fn place(&self) -> usize {
+        self.at
+    }
 }
 
 impl Coordinates {
@@ -78,7 +85,11 @@ impl Coordinates {
 
         let names = all.iter().map(|one| one.name().clone());
         let by_name = names.zip(0..).collect();
-        Self { all, by_name }
+        Self {
+            all,
+            by_name,
+            features: schema.state().len(),
+        }
     }
 
     /// Returns all of them, features of the state first.
@@ -86,8 +97,22 @@ impl Coordinates {
         &self.all
     }
 
+    /// Returns the features of the state.
+    pub fn features(&self) -> &[Coordinate] {
+        &self.all[..self.features]
+    }
+
     /// Returns the coordinate of that name.
     pub fn find(&self, name: &str) -> Option<&Coordinate> {
         self.by_name.get(name).map(|at| &self.all[*at])
+    }
+
+    /// Says that there is none of that name, behind so many other faults.
+    pub(super) fn unknown(&self, name: &str, faults: usize) -> String {
+        let known: Vec<&str> = self.all.iter().map(|one| one.name().as_str()).collect();
+        format!(
+            "unknown feature {name:?}{}",
+            hint_after(faults, name, &known)
+        )
     }
 }

@@ -242,6 +242,35 @@ pub enum ActionDraft {
     Named(NamedValues),
 }
 
+/// A region, unchecked: what each of some features may be, by name, in the order in which it was
+/// written. Without any it is the whole environment.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RegionDraft(pub Vec<(String, ConditionDraft)>);
+
+/// What a feature may be in a region, unchecked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum ConditionDraft {
+    /// What one value is, a label or a number.
+    One(ValueDraft),
+    /// What any of these values is.
+    AnyOf(Vec<ValueDraft>),
+    /// What lies between two values.
+    Between(RangeDraft),
+    /// Any of these bins, by their numbers from 0.
+    Bins(Vec<ValueDraft>),
+}
+
+/// A range of values, unchecked: open at an end that is absent.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RangeDraft {
+    /// The first value in it.
+    pub from: Option<ValueDraft>,
+    /// The last value in it.
+    pub to: Option<ValueDraft>,
+    /// The first value that is not in it any more, instead of `to`.
+    pub below: Option<ValueDraft>,
+}
+
 /// The states of a question, unchecked.
 #[derive(Debug, Clone, PartialEq)]
 pub enum StatesDraft {

@@ -114,6 +114,21 @@ impl FeatureKind {
         }
     }
 
+    /// Returns the bin that people call so; `None` where there is none.
+    pub fn bin_of_label(&self, label: &str) -> Option<u32> {
+        let bin = match self {
+            Self::Categorical(labels) => labels.position(label)?,
+            // An interval says where it begins, but for the first.
+            Self::Continuous(_) if label.starts_with('<') || label == "any" => 0,
+            Self::Continuous(_) => {
+                let low = label.trim_start_matches(['[', '>', '=', ' ']);
+                self.bin(low.split(',').next()?.parse().ok()?).ok()?
+            }
+            Self::Circular(..) | Self::Integer(..) => self.bin(label.parse().ok()?).ok()?,
+        };
+        (self.bin_label(bin) == label).then_some(bin)
+    }
+
     /// Returns what a value must be, for error messages.
     pub fn expected(&self) -> String {
         match self {
@@ -269,6 +284,32 @@ mod tests {
             "-1.571"
         );
         assert_eq!(FeatureKind::Integer(-2, 3).bin_label(0), "-2");
+        assert_eq!(continuous(&[]).bin_label(0), "any");
+    }
+
+    #[test]
+    fn bins_are_found_by_their_names() {
+        let labels = ["a", "left [1, 2)"].map(|text| text.parse::<Label>().expect("valid"));
+        for kind in [
+            continuous(&[]),
+            continuous(&[1e-7, 3e20]),
+            continuous(&[-0.5, 0.1, 0.7, 16_777_216.0]),
+            FeatureKind::Circular(7, Angle::Degrees),
+            FeatureKind::Circular(8, Angle::Radians),
+            FeatureKind::Integer(-2, 3),
+            FeatureKind::Categorical(labels.into_iter().collect()),
+        ] {
+            for bin in 0..kind.bins() {
+                assert_eq!(
+                    kind.bin_of_label(&kind.bin_label(bin)),
+                    Some(bin),
+                    "{kind:?}"
+                );
+            }
+            for none in ["", "<", "[", "< 9", "[0.1, 0.8)", "02", "b", "0.12"] {
+                assert_eq!(kind.bin_of_label(none), None, "{kind:?} {none}");
+            }
+        }
     }
     #[test]
     fn an_index_is_expected_where_labels_read_as_numbers_and_positions_count() {

@@ -6,7 +6,9 @@
 //! * An **environment** is one named world: a [`Schema`] (its state's **features** and its
 //!   **agents**), which never changes, and a [`WrittenRule`], which may; for one pair of agents it
 //!   is a [`Rule`].
-//! * **Derived features** ([`DerivedFeatures`]) follow from a state's bins, and may change too.
+//! * **Derived features** ([`DerivedFeatures`]) follow from a state's bins, and may change too. A
+//!   [`Region`] is the states that match a partial description in both; a [`Grain`] says which are
+//!   kept apart.
 //! * A **state** is a tuple of feature values; discretised, a tuple of bins, whose [`StateKey`] is
 //!   `3.0.7`.
 //! * A **joint action** is one action index per agent, as one number, the first agent most
@@ -29,6 +31,7 @@ mod angle;
 mod answer;
 mod asker;
 mod batch;
+mod bin_set;
 mod checked;
 mod coordinate;
 mod counts;
@@ -38,6 +41,7 @@ mod estimator;
 mod family;
 mod feature;
 mod fit;
+mod grain;
 mod hash;
 mod key;
 mod label_set;
@@ -54,6 +58,7 @@ mod principal;
 mod question;
 mod rank;
 mod records;
+mod region;
 mod rule;
 mod schema;
 mod secret;
@@ -80,6 +85,7 @@ pub use estimator::{Estimator, Estimators};
 pub use family::Family;
 pub use feature::{BinError, Feature, FeatureKind};
 pub use fit::FitId;
+pub use grain::{CoarseKey, Grain};
 pub use hash::SchemaHash;
 pub use key::StateKey;
 pub use label_set::LabelSet;
@@ -104,6 +110,7 @@ pub use rank::MOST_RANKED;
 pub use records::{
     Collecting, Digest, Entry, Record, Records, Rejection, Undecodable, Widths, Worded,
 };
+pub use region::{MOST_REGIONS, Region};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};

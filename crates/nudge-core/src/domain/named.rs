@@ -161,7 +161,7 @@ fn slot(features: &[Feature], draft: &ActionDraft) -> Result<Vec<f32>, Vec<Fault
                 ActionDraft::Absent => String::new(),
                 _ => format!("/{}", only.name),
             };
-            let value = value(only, bare);
+            let value = value(&only.kind, bare);
             Ok(vec![
                 value.map_err(|detail| vec![Fault::new(pointer, detail)])?,
             ])
@@ -197,7 +197,7 @@ fn values(features: &[Feature], named: &NamedValues) -> Result<Vec<f32>, Vec<Fau
             .collect();
 
         let found = match drafts.as_slice() {
-            [draft] => value(feature, draft),
+            [draft] => value(&feature.kind, draft),
             [] => Err(format!("missing, expected {}", feature.kind.expected())),
             _ => Err(format!("given {} times, expected once", drafts.len())),
         };
@@ -244,23 +244,21 @@ fn unknown_one<'a>(known: impl Iterator<Item = &'a str> + Clone, what: &str) -> 
 /// Reads a value of a feature, the same for every face: what [`super::LabelSet`] says of labels,
 /// and for other kinds a number, which text may be too. True and false are the labels `true` and
 /// `false`.
-fn value(feature: &Feature, draft: &ValueDraft) -> Result<f32, String> {
-    let read = match (&feature.kind, draft) {
-        (FeatureKind::Categorical(labels), draft) => label(labels, draft),
-        (_, ValueDraft::Number(number)) => finite(*number),
-        (_, ValueDraft::Text(text) | ValueDraft::Digits(text)) => {
-            text.parse().ok().and_then(finite)
-        }
-        (_, ValueDraft::Truth(_) | ValueDraft::Other(_)) => None,
+pub(super) fn value(kind: &FeatureKind, draft: &ValueDraft) -> Result<f32, String> {
+    let read = match kind {
+        FeatureKind::Categorical(labels) => label(labels, draft),
+        _ => number(draft).and_then(finite),
     };
+    read.ok_or_else(|| format!("got {}, expected {}", written(draft), kind.expected()))
+}
 
-    read.ok_or_else(|| {
-        format!(
-            "got {}, expected {}",
-            written(draft),
-            feature.kind.expected()
-        )
-    })
+/// Returns the number that a value is, which text may be too.
+pub(super) fn number(draft: &ValueDraft) -> Option<f64> {
+    match draft {
+        ValueDraft::Number(number) => Some(*number),
+        ValueDraft::Text(text) | ValueDraft::Digits(text) => text.parse().ok(),
+        ValueDraft::Truth(_) | ValueDraft::Other(_) => None,
+    }
 }
 
 /// Returns the index that a value names. Text is a label by its very characters, or else by the
@@ -294,7 +292,8 @@ fn finite(number: f64) -> Option<f32> {
     Some(number as f32).filter(|rounded| rounded.is_finite())
 }
 
-fn written(draft: &ValueDraft) -> String {
+/// Returns a value as it was written, for error messages.
+pub(super) fn written(draft: &ValueDraft) -> String {
     match draft {
         // Debug tells 1e300 as that, Display with three hundred zeros.
         ValueDraft::Number(number) if number.abs() >= LARGE => format!("{number:?}"),

@@ -7,6 +7,7 @@ mod ingest;
 mod model;
 mod overview;
 mod question;
+mod region;
 
 pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 #[cfg(feature = "rest")]

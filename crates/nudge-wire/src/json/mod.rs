@@ -22,6 +22,7 @@ mod query;
 mod question;
 mod receipt;
 mod record;
+mod region;
 mod rule;
 mod transitions;
 mod whole;
@@ -54,6 +55,7 @@ pub use query::{
 };
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
+pub use region::Region;
 pub use rule::Rule;
 pub use transitions::{
     Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines,
