@@ -78,6 +78,7 @@ fn fixtures() -> Vec<Fixture> {
         BEFORE_VERSIONS,
         "schema-5-c788985",
         "schema-5-f1075ef",
+        "schema-6-5fcfe9d",
     ] {
         assert!(
             fixtures.iter().any(|fixture| fixture.name == name),
