@@ -78,7 +78,7 @@ fn fixtures() -> Vec<Fixture> {
         BEFORE_VERSIONS,
         "schema-5-c788985",
         "schema-5-f1075ef",
-        "schema-6-5fcfe9d",
+        "schema-6-60781e2",
     ] {
         assert!(
             fixtures.iter().any(|fixture| fixture.name == name),
