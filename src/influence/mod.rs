@@ -12,6 +12,7 @@
 //! | the causal graph of a state | `graph` | `skeleton`: the PC algorithm |
 //! | a page of all states | `pages` | `listing`, `order` |
 //! | all states in sum, what to try next | `overviews` | `summary`, `explore` |
+//! | all states of a region as one, by lag | `overviews` | `profile` |
 //! | a fit | `fits` | [`crate::priors`] |
 //!
 //! Each begins with its `query_context`, which `contexts` finds. An `assessor` says of one state's
@@ -45,6 +46,7 @@ mod overviews;
 mod pages;
 mod pass_cache;
 mod passes;
+mod profile;
 mod query_context;
 mod questions;
 mod row;
@@ -60,6 +62,7 @@ use count_ranking::CountRanking;
 use discoveries::DiscoverySearch;
 use explore::Explored;
 use pass_cache::PassCache;
+use profile::{Points, ProfileKey};
 use query_context::{CountRankingKey, RankingKey};
 use state_ranking::StateRanking;
 
@@ -92,6 +95,7 @@ pub struct Handles {
     rankings: PassCache<RankingKey, StateRanking>,
     searched: PassCache<SearchKey, DiscoverySearch>,
     explored: PassCache<(RankingKey, u64), Explored>,
+    profiles: PassCache<ProfileKey, Points>,
     fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
@@ -113,6 +117,7 @@ impl Influence {
             rankings: PassCache::new("the ranking", stopping()),
             searched: PassCache::new("the list of discoveries", stopping()),
             explored: PassCache::new("the exploration", stopping()),
+            profiles: PassCache::new("the profile", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,

@@ -6,10 +6,13 @@ use std::sync::Arc;
 use tracing::instrument;
 
 use super::explore::{self, Explored};
+use super::profile::{self, ProfileContext};
 use super::store_errors::logged;
 use super::{Influence, size, summary};
 use crate::domain::draft::{ExplorationDraft, SummaryDraft};
-use crate::domain::{Discovery, Environment, Exploration, Scope, Summary, page_size};
+use crate::domain::{
+    Discovery, Environment, Exploration, Profile, ProfileQuestion, Scope, Summary, page_size,
+};
 use crate::error::{Fault, Problem};
 use crate::work::{Progress, aside};
 
@@ -89,6 +92,35 @@ impl Influence {
             explored.trials(limit).iter().map(|trial| &trial.key),
         )?;
         Ok(explored.first(&context, limit))
+    }
+}
+
+impl Influence {
+    /// Returns what all states of a region say together, at one lag after the other.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
+    pub async fn profile(
+        &self,
+        environment: &Arc<Environment>,
+        question: ProfileQuestion,
+    ) -> Result<Profile, Problem> {
+        let segments = question.segments.as_deref();
+        let context = ProfileContext {
+            segments: self.segments(environment, segments).await?,
+            environment: environment.clone(),
+            question,
+        };
+
+        let totals = self.store.totals(environment.id).await.map_err(logged)?;
+        let made = |progress: Progress| {
+            let (this, context) = (self.clone(), context.clone());
+            async move {
+                let (store, gate) = (&*this.store, &this.work.passes);
+                profile::make(store, gate, &context, &progress).await
+            }
+        };
+        let points = self.profiles.get(context.key(), totals, |_| true, made);
+        let points = points.await?;
+        Ok(context.told(&points, points.as_of))
     }
 }
 

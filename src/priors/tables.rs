@@ -138,7 +138,21 @@ impl Tables {
             .collect()
     }
 
-    /// Returns the same cut further, by segment.
+    /// Returns the strata of what counts as independent draws, rows for the ego, cut by segment, each
+    /// with its segment.
+    pub fn strata_of_segments<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Vec<(SegmentId, Table)> {
+        let count = observed(Independence::from(Tally::sum(cells.clone())));
+        let strata = stratified(schema, pair, cells, count, by_segment).into_iter();
+        strata
+            .filter_map(|((_, segment), table)| Some((segment?, table)))
+            .collect()
+    }
+
+    /// Returns the same without the segments, rows for the earlier agent.
     pub fn strata_by_segment<'a>(
         schema: &Schema,
         pair: &Pair,

@@ -7,12 +7,12 @@ use crate::api::proto::influence_service_server::InfluenceService;
 use crate::api::proto::{
     BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
     FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
-    GetInfluenceResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
-    SummarizeRequest, SummarizeResponse,
+    GetInfluenceResponse, GetProfileRequest, GetProfileResponse, GetStateRequest, GetStateResponse,
+    ListStatesRequest, ListStatesResponse, SummarizeRequest, SummarizeResponse,
 };
 use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
-use crate::domain::{Answers, Question, View};
+use crate::domain::{Answers, ProfileQuestion, Question, View};
 use crate::error::Problem;
 use crate::serve::costs::STATE_BYTES;
 use crate::work::aside;
@@ -115,6 +115,25 @@ impl InfluenceService for Face {
                 .app
                 .influence
                 .summary(&environment, &draft)
+                .await?
+                .into())
+        })
+        .await
+    }
+
+    async fn get_profile(
+        &self,
+        request: Request<GetProfileRequest>,
+    ) -> Result<Response<GetProfileResponse>, Status> {
+        let face = self.asked(&request);
+        call("GetProfile", async {
+            let (environment, draft) = grpc::profile(request.into_inner())?;
+            let environment = face.app.environments.find(&environment)?;
+            let question = ProfileQuestion::new(&environment, &draft)?;
+            Ok(face
+                .app
+                .influence
+                .profile(&environment, question)
                 .await?
                 .into())
         })

@@ -18,6 +18,7 @@ mod packed;
 mod pages;
 mod parameters;
 pub mod problems;
+mod profile;
 mod refusals;
 mod routes;
 mod states;

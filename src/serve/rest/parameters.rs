@@ -104,6 +104,33 @@ pub struct FigureParameters {
     visits_to_decide: Option<bool>,
 }
 
+/// Whose profile, from which counts, in which region.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct ProfileParameters {
+    /// The agent whose influence is asked about; the first by default.
+    ego: Option<String>,
+    /// The agent that may be influenced; the second by default. Or an outcome with values.
+    other: Option<String>,
+    /// Agents whose actions are held fixed, repeated or joined by commas.
+    given: Option<Vec<String>>,
+    /// The segments to count, repeated or joined by commas; all by default.
+    segments: Option<Vec<String>>,
+    /// Whether actions are compared within each segment alone: `auto` (the default) and `segments`
+    /// say yes, `pooled` no.
+    #[param(example = "auto")]
+    within: Option<json::Within>,
+    /// The unit of the figures, `nats` or `bits`; the rule's by default.
+    unit: Option<json::Unit>,
+    /// The states that are asked about: a parameter `region.NAME` a condition on a feature of the
+    /// state or a derived one, `1`, `onion,dish`, `1..2` or `#0,#1` for bins by number.
+    #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"region.distance": "1..2", "region.held": "onion,dish"}), required = false)]
+    region: Option<BTreeMap<String, String>>,
+    /// The lags, repeated or joined by commas; 0 and all that are declared for the other by default.
+    lags: Option<Vec<i64>>,
+}
+
 /// Which states, in which order.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]

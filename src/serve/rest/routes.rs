@@ -6,7 +6,9 @@ use utoipa_axum::router::{OpenApiRouter, UtoipaMethodRouterExt};
 use utoipa_axum::routes;
 
 use super::extract::MostBytes;
-use super::{environments, graph, influence, learning, models, states, summary, transitions};
+use super::{
+    environments, graph, influence, learning, models, profile, states, summary, transitions,
+};
 use crate::api::MOST_MESSAGE_BYTES;
 use crate::app::App;
 
@@ -32,6 +34,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(states::list_states))
         .routes(routes!(states::get_state))
         .routes(routes!(summary::summarize))
+        .routes(routes!(profile::get_profile, profile::ask_profile))
         .routes(routes!(graph::get_graph))
         .routes(routes!(learning::explore))
         .routes(routes!(learning::fit_prior))

@@ -389,6 +389,17 @@ pub struct SummaryDraft {
     pub omit_segments: bool,
 }
 
+/// A question for the profile of a pair, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct ProfileDraft {
+    /// Whose influence on whom, from which counts, without a lag.
+    pub pair: PairDraft,
+    /// The states that are asked about.
+    pub region: RegionDraft,
+    /// The lags; 0 and all that are declared for the other where there are none.
+    pub lags: Vec<i64>,
+}
+
 /// A question for what to try next, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExplorationDraft {

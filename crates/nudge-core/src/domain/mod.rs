@@ -55,6 +55,7 @@ mod overview;
 mod pair;
 mod presence;
 mod principal;
+mod profile;
 mod question;
 mod rank;
 mod records;
@@ -105,6 +106,7 @@ pub use overview::{
 pub use pair::Pair;
 pub use presence::Presence;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};
+pub use profile::{Profile, ProfilePoint, ProfileQuestion};
 pub use question::{Exchange, MOST_STATES, Permutations, Question, Scope, View, Within};
 pub use rank::MOST_RANKED;
 pub use records::{

@@ -377,7 +377,7 @@ fn no_agent(schema: &Schema, pointer: &str, name: &str) -> String {
 }
 
 /// Returns a pair with the other's action at the lag that was written, if that is declared.
-fn at_written_lag(schema: &Schema, pair: &Pair, lag: i64) -> Result<Pair, Fault> {
+pub(super) fn at_written_lag(schema: &Schema, pair: &Pair, lag: i64) -> Result<Pair, Fault> {
     let declared = u32::try_from(lag)
         .ok()
         .and_then(|lag| pair.at_lag(schema, lag));

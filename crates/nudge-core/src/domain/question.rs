@@ -259,7 +259,8 @@ impl Scope {
         self.written.share(self.pair.alphabet(schema))
     }
 
-    fn check(environment: &Environment, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
+    /// Checks the same, and lists every fault.
+    pub(super) fn check(environment: &Environment, draft: &PairDraft) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
         let pair = keep(Pair::named(&environment.schema, draft), &mut faults);
         let mut segments: Vec<Label> = parse_all(&draft.segments, "/segments", &mut faults);

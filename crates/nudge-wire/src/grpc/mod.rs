@@ -6,6 +6,7 @@ mod graph;
 mod ingest;
 mod model;
 mod overview;
+mod profile;
 mod question;
 mod region;
 
@@ -13,6 +14,7 @@ pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 #[cfg(feature = "rest")]
 pub(crate) use ingest::{segment, within_limit};
 pub use model::training;
+pub use profile::profile;
 pub use question::{
     batch_question, exploration, fit, graph, list_states, question, scope, summary,
 };

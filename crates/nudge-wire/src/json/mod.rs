@@ -18,6 +18,7 @@ mod overview;
 mod parameters;
 mod prediction;
 mod problem;
+mod profile;
 mod query;
 mod question;
 mod receipt;
@@ -50,8 +51,10 @@ pub use overview::{
 pub use parameters::Parameters;
 pub use prediction::{ModelAction, ModelFigures};
 pub use problem::{Fault, Problem};
+pub use profile::{Profile, ProfilePoint, ProfileQuestion};
 pub use query::{
-    exploration, fit, graph, head_of_query, listing, no_head, page, question_of_query, summary,
+    exploration, fit, graph, head_of_query, listing, no_head, page, profile, question_of_query,
+    summary,
 };
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};

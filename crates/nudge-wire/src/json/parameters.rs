@@ -111,14 +111,34 @@ impl Parameters {
         self.number(name, "a whole number, at least 0")
     }
 
+    /// Takes the numbers of a parameter that may be repeated, or joined by commas.
+    pub(super) fn numbers<T: std::str::FromStr>(&mut self, name: &str, expected: &str) -> Vec<T> {
+        let mut numbers = Vec::new();
+        for text in self.list(name) {
+            match text.parse() {
+                Ok(number) => numbers.push(number),
+                Err(_) => self.fault(name, format!("got {text:?}, expected {expected}")),
+            }
+        }
+        numbers
+    }
+
     /// Takes every parameter whose name begins with `prefix`, without it.
     pub(super) fn under(&mut self, prefix: &str) -> NamedValues {
+        let texts = self.texts_under(prefix).into_iter();
+        texts
+            .map(|(name, value)| (name, ValueDraft::Text(value)))
+            .collect()
+    }
+
+    /// Takes the same as they are written.
+    pub(super) fn texts_under(&mut self, prefix: &str) -> Vec<(String, String)> {
         self.known.push(prefix.to_owned());
         let under = self
             .left
             .extract_if(.., |(name, _)| name.starts_with(prefix));
         under
-            .map(|(name, value)| (name[prefix.len()..].to_owned(), ValueDraft::Text(value)))
+            .map(|(name, value)| (name[prefix.len()..].to_owned(), value))
             .collect()
     }
 

@@ -3,8 +3,8 @@
 
 use nudge_core::domain::RuleDraft;
 use nudge_core::domain::draft::{
-    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft,
-    SummaryDraft,
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, ProfileDraft, QuestionDraft,
+    RegionDraft, StatesDraft, SummaryDraft,
 };
 use nudge_core::error::Problem;
 
@@ -45,6 +45,20 @@ impl Parameters {
             fdr: self.number("fdr", "a number"),
             method: self.text("method"),
         }
+    }
+
+    fn region(&mut self) -> RegionDraft {
+        let written = self.texts_under("region.").into_iter();
+        let words: Vec<String> = written
+            .map(|(name, value)| format!("{name}={value}"))
+            .collect();
+        RegionDraft::of_words(&words).unwrap_or_else(|faults| {
+            for fault in faults {
+                let name = fault.pointer.trim_start_matches('/');
+                self.fault(&format!("region.{name}"), fault.detail.clone());
+            }
+            RegionDraft::default()
+        })
     }
 
     fn state_or_key(&mut self) -> StatesDraft {
@@ -116,6 +130,26 @@ pub fn graph(mut query: Parameters) -> Result<QuestionDraft, Problem> {
         pair,
         states: query.state_or_key(),
         ..QuestionDraft::default()
+    };
+    query.finish(draft)
+}
+
+/// Reads whose profile is wanted, of the whole environment or of a region by a parameter
+/// `region.NAME` a condition, as it is written on a command line.
+pub fn profile(mut query: Parameters) -> Result<ProfileDraft, Problem> {
+    let pair = PairDraft {
+        ego: query.text("ego"),
+        other: query.text("other"),
+        given: query.list("given"),
+        segments: query.list("segments"),
+        within: query.text("within"),
+        unit: query.text("unit"),
+        ..PairDraft::default()
+    };
+    let draft = ProfileDraft {
+        pair,
+        region: query.region(),
+        lags: query.numbers("lags", "a whole number of steps"),
     };
     query.finish(draft)
 }

@@ -1,0 +1,177 @@
+//! Pooled evidence over all states of a region, at one lag after the other: where a state alone has
+//! too few visits to tell, thousands together may.
+
+use std::sync::Arc;
+
+use rayon::prelude::*;
+
+use super::labels::names;
+use super::store_errors::logged;
+use crate::domain::{
+    Environment, EnvironmentId, Pair, Profile, ProfilePoint, ProfileQuestion, SegmentId, Tally,
+    Within,
+};
+use crate::error::Problem;
+use crate::information::pooled::{MomentsMemo, Pool, Stratum};
+use crate::priors::{Pages, Tables};
+use crate::store::{Scanned, Store};
+use crate::work::{Gate, Progress, Stop, Stopped};
+
+/// Of the permutations that small pools are tested by.
+const SEED: u64 = 1;
+
+/// What a profile rests on.
+#[derive(Clone)]
+pub struct ProfileContext {
+    /// The environment.
+    pub environment: Arc<Environment>,
+    /// The question.
+    pub question: ProfileQuestion,
+    /// The segments to count; all if `None`.
+    pub segments: Option<Vec<SegmentId>>,
+}
+
+/// What a profile is of: pairs, segments, strata, and the region with what its coordinates mean,
+/// which may change.
+pub type ProfileKey = (
+    EnvironmentId,
+    Vec<Pair>,
+    Option<Vec<SegmentId>>,
+    Within,
+    String,
+);
+
+/// What was made of all states, in nats: a point a lag.
+pub struct Points(Vec<ProfilePoint>);
+
+impl ProfileContext {
+    /// Returns what the profile is of.
+    pub fn key(&self) -> ProfileKey {
+        let question = &self.question;
+        let region = format!("{:?}", question.region);
+        (
+            self.environment.id,
+            question.pairs.clone(),
+            self.segments.clone(),
+            question.within,
+            region,
+        )
+    }
+
+    /// Returns what is told of these points, which were made from a revision.
+    pub fn told(&self, points: &Points, as_of: u64) -> Profile {
+        let ProfileQuestion { region, unit, .. } = &self.question;
+        let in_unit = |point: &ProfilePoint| point.clone().in_unit(*unit);
+        // Lags rise, and what is held fixed differs by lag: the first has nothing but what was named.
+        let pair = &self.question.pairs[0];
+        Profile {
+            labels: names(&self.environment.schema, pair),
+            region: region.clone(),
+            unit: *unit,
+            points: points.0.iter().map(in_unit).collect(),
+            as_of,
+        }
+    }
+}
+
+/// The strata of one lag so far.
+struct AtLag {
+    pair: Pair,
+    tally: Tally,
+    pool: Pool,
+    memo: MomentsMemo,
+}
+
+/// Passes over all states; returns the points, and how many transitions there were before.
+pub async fn make(
+    store: &dyn Store,
+    gate: &Gate,
+    context: &ProfileContext,
+    progress: &Progress,
+) -> Result<(Points, u64), Problem> {
+    let totals = store.totals(context.environment.id).await.map_err(logged)?;
+    progress.begin("states looked at", totals.states);
+
+    let pairs = context.question.pairs.iter();
+    let mut lags: Vec<AtLag> = pairs.map(|pair| AtLag::new(context, pair)).collect();
+    let mut seen = 0;
+    let mut pages = Pages::new(store, context.environment.id);
+    while let Some(page) = pages.next().await.map_err(logged)? {
+        let (context, states) = (context.clone(), page.len() as u64);
+        lags = gate
+            .run(move |stop| added(lags, &context, &page, seen, stop))
+            .await?;
+        seen += states;
+        progress.add(states);
+    }
+
+    let schema = context.environment.schema.clone();
+    let point = move |at: &AtLag| ProfilePoint {
+        lag: at.pair.lag(&schema),
+        tally: at.tally,
+        pooled: at.pool.pooled(SEED),
+    };
+    let points = gate.run(move |_| Ok(Points(lags.par_iter().map(point).collect())));
+    Ok((points.await?, totals.transitions))
+}
+
+/// Adds states, of which the first has this number, to every lag.
+fn added(
+    mut lags: Vec<AtLag>,
+    context: &ProfileContext,
+    page: &[Scanned],
+    first: u64,
+    stop: &Stop,
+) -> Result<Vec<AtLag>, Stopped> {
+    let region = &context.question.region;
+    let within = |(_, state): &(u64, &Scanned)| region.contains(&state.key);
+    let states: Vec<(u64, &Scanned)> = (first..).zip(page).filter(within).collect();
+    lags.par_iter_mut().try_for_each(|at| {
+        for (number, state) in &states {
+            stop.check()?;
+            at.add(context, *number, state);
+        }
+        Ok(())
+    })?;
+    Ok(lags)
+}
+
+impl AtLag {
+    fn new(context: &ProfileContext, pair: &Pair) -> Self {
+        Self {
+            pair: pair.clone(),
+            tally: Tally::EMPTY,
+            pool: Pool::new(pair.alphabet(&context.environment.schema)),
+            memo: MomentsMemo::default(),
+        }
+    }
+
+    /// Adds the strata of a state: what is held fixed in it, and its segments unless they are to be
+    /// pooled.
+    fn add(&mut self, context: &ProfileContext, state: u64, scanned: &Scanned) {
+        let schema = &context.environment.schema;
+        let cells = || {
+            scanned
+                .counts
+                .of_pair(schema, &self.pair, context.segments.as_deref())
+        };
+        let strata = match context.question.within {
+            Within::Pooled => Tables::numbered_strata(schema, &self.pair, cells())
+                .into_iter()
+                .map(|(_, table)| (SegmentId(0), table))
+                .collect(),
+            Within::Auto | Within::Segments => {
+                Tables::strata_of_segments(schema, &self.pair, cells())
+            }
+        };
+        self.tally.add(Tally::sum(cells()));
+        for (SegmentId(segment), table) in &strata {
+            let stratum = Stratum {
+                state,
+                segment: segment.unsigned_abs(),
+                table,
+            };
+            self.pool.add(stratum, &mut self.memo);
+        }
+    }
+}
