@@ -24,6 +24,7 @@ mod lags;
 mod making;
 mod model;
 mod output;
+mod profile;
 mod progress;
 mod query;
 mod report;

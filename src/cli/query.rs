@@ -6,6 +6,7 @@ use clap::{Args, ValueEnum};
 
 use super::asking::asked;
 use super::output::{print, print_json, to_json};
+use super::profile::{self, ProfileArguments};
 use super::server::Server;
 use super::{Failure, answers, graph};
 use crate::api::{json as dto, proto};
@@ -25,6 +26,7 @@ use crate::error::{Fault, Problem};
     nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
     nudge query hallway --key 3.0 --lag 3\n  \
     nudge query kitchen --key 3.0 --ego cook --other pot\n  \
+    nudge query kitchen --profile --region distance=1..2 --svg profile.svg\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
 )]
 pub(super) struct Query {
@@ -80,6 +82,8 @@ pub(super) struct Query {
     /// Draw the causal graph of one state: what every pair of agents is, beside all others
     #[arg(long, conflicts_with_all = ["ego", "other", "given", "estimators", "significance", "visits_to_decide", "view"])]
     graph: bool,
+    #[command(flatten)]
+    profile: ProfileArguments,
     #[command(flatten)]
     rule: Rule,
     /// Print JSON, as REST answers it
@@ -164,8 +168,11 @@ impl From<Significance> for proto::Permutations {
 
 impl Query {
     pub(super) async fn run(self) -> Result<(), Failure> {
+        if self.profile.profile {
+            return self.run_profile().await;
+        }
         if self.state.is_empty() && self.key.is_empty() {
-            let message = "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features)";
+            let message = "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features), or --profile for all states together";
             return Err(Failure::usage(message));
         }
 
@@ -195,6 +202,22 @@ impl Query {
             print_json(&to_json(dto::Answers::from(response)))
         } else {
             print(&answers::render(&self.environment, &response))
+        }
+    }
+
+    async fn run_profile(self) -> Result<(), Failure> {
+        let request = self.profile.request(self.scope())?;
+        let connection = self.server.connect().await?;
+        let ask = || {
+            let (mut client, request) = (connection.influence(), request.clone());
+            async move { client.get_profile(request).await }
+        };
+        let response = asked(ask).await?;
+
+        self.profile.draw(&self.environment, &response)?;
+        match self.json {
+            true => print_json(&to_json(dto::Profile::from(response))),
+            false => print(&profile::render(&self.environment, &response)),
         }
     }
 

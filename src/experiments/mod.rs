@@ -7,6 +7,7 @@
 
 pub mod findings;
 pub mod kitchens;
+pub mod lag_profile;
 pub mod measures;
 pub mod planted;
 pub mod seeds;

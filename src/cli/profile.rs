@@ -1,0 +1,169 @@
+//! Lag profiles for people: a line a lag, the excess beside where it would lie under independence.
+
+use std::path::PathBuf;
+
+use clap::Args;
+
+use super::Failure;
+use super::output::{Table, cannot_write, count};
+use crate::api::proto;
+use crate::domain::draft::RegionDraft;
+use crate::error::Problem;
+use crate::experiments::lag_profile::{Curve, plot};
+
+/// What a profile is asked with beside the pair.
+#[derive(Debug, Clone, Default, Args)]
+pub(super) struct ProfileArguments {
+    /// Say what all states say together, at one lag after the other
+    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "estimators", "significance", "visits_to_decide", "view"])]
+    pub(super) profile: bool,
+    /// The states of the profile: what some of their features, or of the derived ones, may be:
+    /// a value, several (a,b), a range (1..2) or bins by their numbers (#0,#1); all unless given
+    #[arg(long, num_args = 1.., value_name = "FEATURE=VALUES", requires = "profile")]
+    region: Vec<String>,
+    /// The lags of the profile; 0 and all that are declared unless given
+    #[arg(long, num_args = 1.., value_delimiter = ',', allow_negative_numbers = true, value_name = "STEPS", requires = "profile")]
+    lags: Vec<i32>,
+    /// File to draw the profile into, as SVG
+    #[arg(long, value_name = "FILE", requires = "profile")]
+    svg: Option<PathBuf>,
+}
+
+impl ProfileArguments {
+    /// Returns the question as the service takes it.
+    pub(super) fn request(&self, scope: proto::Scope) -> Result<proto::GetProfileRequest, Problem> {
+        let region = RegionDraft::of_words(&self.region).map_err(|faults| {
+            let faults = faults.into_iter().map(|fault| fault.under("/region"));
+            Problem::invalid("question", faults.collect())
+        })?;
+        Ok(proto::GetProfileRequest {
+            scope: Some(scope),
+            region: Some(region.into()),
+            lags: self.lags.clone(),
+        })
+    }
+
+    /// Draws a profile, where a file was given for it.
+    pub(super) fn draw(
+        &self,
+        environment: &str,
+        profile: &proto::GetProfileResponse,
+    ) -> Result<(), Failure> {
+        let Some(file) = &self.svg else {
+            return Ok(());
+        };
+        let svg = plot(
+            &title(environment, profile),
+            &profile.unit,
+            &curves(profile),
+        );
+        std::fs::write(file, svg).map_err(|error| cannot_write(file, &error))
+    }
+}
+
+fn curves(profile: &proto::GetProfileResponse) -> Vec<Curve> {
+    let point = |point: &proto::ProfilePoint| {
+        let null = point.null.unwrap_or_default();
+        (point.lag, point.excess, [null.lower, null.upper])
+    };
+    vec![Curve {
+        points: profile.profile.iter().map(point).collect(),
+    }]
+}
+
+fn title(environment: &str, profile: &proto::GetProfileResponse) -> String {
+    let labels = profile.labels.clone().unwrap_or_default();
+    let [ego, other] = [labels.ego, labels.other].map(|one| one.unwrap_or_default().name);
+    let region = &profile.region_in_words;
+    format!("{environment}: {ego} -> {other}, {region}")
+}
+
+/// Returns a profile as text.
+pub(super) fn render(environment: &str, profile: &proto::GetProfileResponse) -> String {
+    let unit = &profile.unit;
+    let mut table = Table::new(&[
+        "lag",
+        "draws",
+        "strata",
+        &format!("excess ({unit})"),
+        "if independent",
+        "p",
+        "p, one pattern",
+    ]);
+    for point in &profile.profile {
+        table.row(row(point));
+    }
+
+    let transitions = count(profile.as_of);
+    format!(
+        "{}\n\n{}\n{}\nfrom {transitions} transitions\n",
+        title(environment, profile),
+        table.render("  "),
+        peak(profile)
+    )
+}
+
+fn row(point: &proto::ProfilePoint) -> [String; 7] {
+    let null = point.null.unwrap_or_default();
+    let small = |number: f64| format!("{number:.5}");
+    [
+        point.lag.to_string(),
+        count(point.draws),
+        count(point.strata),
+        small(point.excess),
+        format!("{} to {}", small(null.lower), small(null.upper)),
+        p_value(point.p_value),
+        point.p_value_same_pattern.map_or("-".into(), p_value),
+    ]
+}
+
+/// Returns a p-value so that it can be told whether it is small.
+fn p_value(p: f64) -> String {
+    match p {
+        p if p >= 0.001 => format!("{p:.3}"),
+        p => format!("{p:.0e}"),
+    }
+}
+
+/// Says in a sentence where the profile has its peak.
+fn peak(profile: &proto::GetProfileResponse) -> String {
+    let lags = profile.profile.len();
+    match (profile.peak, lags) {
+        (Some(0), _) => "The peak is in the same tick, where dependence has no direction.".into(),
+        (Some(lag), _) => format!(
+            "The peak is at lag {lag}. Where actions are held, neighbouring lags depend as well."
+        ),
+        (None, 1) => "Nothing that chance would not show.".into(),
+        (None, lags) => format!("Nothing at any of {lags} lags that chance would not show."),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_profile_is_told_a_line_a_lag() {
+        let point = |lag, excess, p_value| proto::ProfilePoint {
+            lag,
+            draws: 5_002,
+            strata: 880,
+            excess,
+            null: Some(proto::Range {
+                lower: -0.003,
+                upper: 0.003,
+            }),
+            p_value,
+            ..proto::ProfilePoint::default()
+        };
+        let profile = proto::GetProfileResponse {
+            unit: "nats".into(),
+            region_in_words: "everywhere".into(),
+            profile: vec![point(0, -0.001, 0.7), point(6, 0.0117, 2e-9)],
+            peak: Some(6),
+            as_of: 12_345,
+            ..proto::GetProfileResponse::default()
+        };
+        insta::assert_snapshot!(render("kitchen", &profile));
+    }
+}
