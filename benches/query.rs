@@ -18,8 +18,9 @@ use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceSer
 use nudge::api::proto::{
     BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
     FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
-    GetInfluenceResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
-    Rule, Scope, StateValues, SummarizeRequest, SummarizeResponse, View,
+    GetInfluenceResponse, GetProfileRequest, GetProfileResponse, GetStateRequest, GetStateResponse,
+    ListStatesRequest, ListStatesResponse, Rule, Scope, StateValues, SummarizeRequest,
+    SummarizeResponse, View,
 };
 use support::http::{get, latencies, report_tail};
 use support::{
@@ -449,6 +450,12 @@ impl InfluenceService for Constant {
         &self,
         _: Request<GetGraphRequest>,
     ) -> Result<Response<GetGraphResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn get_profile(
+        &self,
+        _: Request<GetProfileRequest>,
+    ) -> Result<Response<GetProfileResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
     async fn explore(

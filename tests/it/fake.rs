@@ -519,6 +519,13 @@ impl InfluenceService for Fake {
         Err(Status::unimplemented("not here"))
     }
 
+    async fn get_profile(
+        &self,
+        _: Request<proto::GetProfileRequest>,
+    ) -> Result<Response<proto::GetProfileResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
     async fn explore(
         &self,
         _: Request<proto::ExploreRequest>,

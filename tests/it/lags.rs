@@ -24,7 +24,7 @@ use crate::cli::{exit_and_texts, nudge, output};
 use crate::support::TestApp;
 
 /// The lag at which the follower copies, in the first two of four states.
-const LAG: usize = 3;
+pub const LAG: usize = 3;
 const NEAR: usize = 2;
 const STATES: usize = 4;
 
@@ -66,7 +66,7 @@ fn description() -> Value {
 }
 
 /// Returns a service that counted every track, a segment each.
-async fn street() -> TestApp {
+pub async fn street() -> TestApp {
     let app = TestApp::start().await;
     let made = app.rest("PUT", PATH, Some(&description())).await;
     assert_eq!(made.0, 201, "{}", made.1);
@@ -162,7 +162,7 @@ fn near(told: f64, expected: f64, what: &str) {
     );
 }
 
-async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
+pub async fn run(app: &TestApp, arguments: &[&str]) -> (i32, String, String) {
     exit_and_texts(&output(nudge(&app.address.to_string(), arguments)).await)
 }
 

@@ -36,6 +36,7 @@ mod old_databases;
 mod operations;
 mod outcomes;
 mod planted;
+mod profiles;
 mod proxy;
 mod quotas;
 mod readiness;

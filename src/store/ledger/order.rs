@@ -7,7 +7,7 @@
 
 use std::iter::Peekable;
 use std::sync::Arc;
-use std::thread;
+use std::thread::{Builder, scope};
 
 use crate::domain::Tally;
 
@@ -288,9 +288,9 @@ impl Packing {
         if cells(first).min(cells(second)) < MANY {
             return self.sorted_by_one(parts);
         }
-        thread::scope(|scope| {
+        scope(|threads| {
             let first = || self.sorted_by_one(first);
-            let spawned = thread::Builder::new().spawn_scoped(scope, first);
+            let spawned = Builder::new().spawn_scoped(threads, first);
             let second = self.sorted_by_one(second);
             // Where no thread is to be had, or it ended without an answer, this one does it.
             let first = spawned.ok().and_then(|thread| thread.join().ok());

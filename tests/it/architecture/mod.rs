@@ -95,6 +95,9 @@ const RULE_MAY_NAME: &[&[&str]] = &[
     &["std", "iter"],
     &["std", "mem"],
     &["std", "sync", "Arc"],
+    // Of threads only those that compute and have ended before what began them goes on.
+    &["std", "thread", "Builder"],
+    &["std", "thread", "scope"],
     &["async_trait"],
 ];
 
