@@ -112,10 +112,13 @@ async fn faces_tell_the_same_profile() {
         "bits",
     ];
     let region = ["--region", "place=0,1"];
-    let (code, told, stderr) = run(&app, &[&asked[..], &region, &["--json"]].concat()).await;
-    assert_eq!(code, 0, "{stderr}");
-    let by_command: Value = serde_json::from_str(&told).expect("JSON");
-    assert_eq!(by_command, over_rest);
+    for written in ["place=0,1", "place=0..1", "place=#0,#1", "place=..1"] {
+        let region = ["--region", written, "--json"];
+        let (code, told, stderr) = run(&app, &[&asked[..], &region].concat()).await;
+        assert_eq!(code, 0, "{stderr}");
+        let by_command: Value = serde_json::from_str(&told).expect("JSON");
+        assert_eq!(by_command, over_rest, "{written}");
+    }
 
     let directory = tempfile::tempdir().expect("a temporary directory");
     let file = directory.path().join("profile.svg");
@@ -160,6 +163,69 @@ async fn what_cannot_be_asked_is_refused_with_every_fault() {
         .rest("GET", &format!("{PATH}?lags=x&region.place=&lag=1"), None)
         .await;
     assert_eq!(status, 400, "{problem}");
+}
+
+/// Lags and the excess in nats of player 1 on player 0 in forced_coordination, measured by another
+/// program on the same games (entries alone, pairs of people apart).
+const MEASURED: [(usize, f64); 12] = [
+    (0, -0.0013),
+    (1, 0.0),
+    (2, 0.0026),
+    (3, 0.0063),
+    (4, 0.0075),
+    (5, 0.0096),
+    (6, 0.0117),
+    (7, 0.0064),
+    (8, 0.0069),
+    (9, 0.0061),
+    (10, 0.0057),
+    (12, 0.0050),
+];
+
+#[tokio::test]
+async fn people_who_wait_for_one_another_are_found_to_influence_each_other() {
+    let app = TestApp::start().await;
+    let games = |split: &str| {
+        format!(
+            "{}/data/overcooked/{split}.csv.gz",
+            env!("CARGO_MANIFEST_DIR")
+        )
+    };
+    let (train, test) = (games("train"), games("test"));
+    let sent = ["ingest", "--format", "overcooked", &train, &test];
+    let (code, _, stderr) = run(&app, &sent).await;
+    assert_eq!(code, 0, "{stderr}");
+
+    let profile = async |layout: &str, ego: usize| {
+        let asked = format!(
+            "/v1/environments/{layout}/profile?ego=player_{ego}&other=player_{}",
+            1 - ego
+        );
+        app.get(&asked).await
+    };
+    let excess = |profile: &Value| -> Vec<f64> {
+        let points = profile["profile"].as_array().expect("points").iter();
+        points.map(|point| figure(point, "excess")).collect()
+    };
+
+    let found = profile("forced_coordination", 1).await;
+    assert_eq!(found["peak"], json!(6));
+    for (lag, measured) in MEASURED {
+        let told = excess(&found)[lag];
+        assert!(
+            (told - measured).abs() <= 0.0006,
+            "lag {lag}: {told}, not {measured}"
+        );
+    }
+
+    let weaker = profile("forced_coordination", 0).await;
+    assert!(excess(&weaker).iter().all(|excess| *excess < 0.006));
+    for layout in ["asymmetric_advantages", "counter_circuit"] {
+        for ego in [0, 1] {
+            let nothing = profile(layout, ego).await;
+            assert_eq!(nothing["peak"], Value::Null, "{layout}: {nothing}");
+        }
+    }
 }
 
 #[tokio::test]

@@ -75,11 +75,11 @@ impl From<ConditionDraft> for Bins {
             ConditionDraft::One(value) => values(vec![value]),
             ConditionDraft::AnyOf(several) => values(several),
             ConditionDraft::Between(RangeDraft { from, to, below }) => {
-                let [from, to, below] = [from, to, below].map(|end| number(&end?));
+                let [from, to, below] = [from, to, below].map(|end| Some(number(&end?)));
                 Self::Range(proto::ValueRange { from, to, below })
             }
             ConditionDraft::Bins(bins) => {
-                let numbers = bins.iter().filter_map(number).map(|bin| bin as u32);
+                let numbers = bins.iter().map(|bin| whole(number(bin)));
                 Self::Numbers(proto::BinNumbers {
                     numbers: numbers.collect(),
                 })
@@ -101,9 +101,21 @@ impl From<ValueDraft> for proto::ConditionValue {
     }
 }
 
-fn number(draft: &ValueDraft) -> Option<f64> {
+/// Returns a number, however it is written; what is none is not a number, which a service refuses.
+fn number(draft: &ValueDraft) -> f64 {
     match draft {
-        ValueDraft::Number(number) => Some(*number),
-        _ => None,
+        ValueDraft::Number(number) => *number,
+        ValueDraft::Text(text) | ValueDraft::Digits(text) => text.parse().unwrap_or(f64::NAN),
+        ValueDraft::Truth(_) | ValueDraft::Other(_) => f64::NAN,
+    }
+}
+
+/// Returns the number of a bin; what is none is beyond all bins, which a service refuses.
+fn whole(number: f64) -> u32 {
+    let whole = number as u32;
+    if f64::from(whole) == number {
+        whole
+    } else {
+        u32::MAX
     }
 }
