@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::labels::names;
 use super::store_errors::logged;
 use crate::domain::{
-    Environment, EnvironmentId, Pair, Profile, ProfilePoint, ProfileQuestion, SegmentId, Tally,
-    Within,
+    Environment, EnvironmentId, Labels, Pair, Profile, ProfilePoint, ProfileQuestion, SegmentId,
+    Tally, Within,
 };
 use crate::error::Problem;
 use crate::information::pooled::{MomentsMemo, Pool, Stratum};
@@ -62,15 +62,22 @@ impl ProfileContext {
     pub fn told(&self, points: &Points, as_of: u64) -> Profile {
         let ProfileQuestion { region, unit, .. } = &self.question;
         let in_unit = |point: &ProfilePoint| point.clone().in_unit(*unit);
-        // Lags rise, and what is held fixed differs by lag: the first has nothing but what was named.
-        let pair = &self.question.pairs[0];
         Profile {
-            labels: names(&self.environment.schema, pair),
+            labels: self.labels(),
             region: region.clone(),
             unit: *unit,
             points: points.0.iter().map(in_unit).collect(),
             as_of,
         }
+    }
+
+    /// Returns the names of the variables, an agent's without a lag.
+    fn labels(&self) -> Labels {
+        let (schema, pair) = (&self.environment.schema, &self.question.pairs[0]);
+        let now = pair
+            .other_agent(schema)
+            .and_then(|_| pair.at_lag(schema, 0));
+        names(schema, now.as_ref().unwrap_or(pair))
     }
 }
 

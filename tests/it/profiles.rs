@@ -58,6 +58,10 @@ async fn a_follower_is_found_at_its_lag_in_its_direction_and_region() {
     let near = asked(&app, json!({"region": {"place": [0, 1]}, "lags": [3]})).await;
     let far = asked(&app, json!({"region": {"place": {"from": 2}}, "lags": [3]})).await;
     assert_eq!((&near["peak"], &far["peak"]), (&json!(LAG), &Value::Null));
+    assert_eq!(
+        near["labels"]["other"]["name"],
+        everywhere["labels"]["other"]["name"]
+    );
     let [near, far] = [near, far].map(|profile| at(&profile, LAG).clone());
     assert!(figure(&near, "size") > 5.0 * figure(&far, "size").abs());
     assert_eq!((&near["states"], &far["states"]), (&json!(2), &json!(2)));
