@@ -156,7 +156,18 @@ mod tests {
             p_value,
             ..proto::ProfilePoint::default()
         };
+        let variable = |name: &str| {
+            Some(proto::Variable {
+                name: name.into(),
+                ..proto::Variable::default()
+            })
+        };
         let profile = proto::GetProfileResponse {
+            labels: Some(proto::Labels {
+                ego: variable("cook"),
+                other: variable("waiter"),
+                given: Vec::new(),
+            }),
             unit: "nats".into(),
             region_in_words: "everywhere".into(),
             profile: vec![point(0, -0.001, 0.7), point(6, 0.0117, 2e-9)],

@@ -320,6 +320,7 @@ mod tests {
         for (endpoint, wanted) in REST {
             let asks = endpoint.starts_with("GET")
                 || endpoint.ends_with("/influence")
+                || endpoint.ends_with("/profile")
                 || endpoint.ends_with("/infer");
             let reads = wanted
                 .scopes()

@@ -201,7 +201,7 @@ mod tests {
             .values()
             .flat_map(|path| path.as_object().expect("operations").values())
             .collect();
-        assert_eq!(operations.len(), 23);
+        assert_eq!(operations.len(), 25);
         for operation in operations {
             for status in [
                 "400", "401", "403", "404", "405", "409", "413", "415", "429", "500", "503",
