@@ -296,6 +296,7 @@ const PATHS: [&str; 16] = [
     "/v1/environments/{environment}/models/{model}/active",
     "/v1/environments/{environment}/models/{model}/weights",
     "/v1/environments/{environment}/producers/{producer}",
+    "/v1/environments/{environment}/profile",
     "/v1/environments/{environment}/states",
     "/v1/environments/{environment}/states/{key}",
     "/v1/environments/{environment}/summary",
@@ -564,10 +565,10 @@ async fn parameters_are_taken_where_they_are_documented_and_nowhere_else() {
     for (path, method, names) in operations.iter().filter(|(_, _, names)| !names.is_empty()) {
         for name in known.iter().map(String::as_str).chain(["nothing"]) {
             let is_documented = names.contains(name);
-            let name = if name == "state" {
-                "state.distance"
-            } else {
-                name
+            let name = match name {
+                "state" => "state.distance",
+                "region" => "region.distance",
+                name => name,
             };
             let request = reqwest::Client::new().request(
                 method.parse().expect("a method"),
