@@ -18,6 +18,10 @@ FEATURE = r"/(state|agents/\d+/action|outcomes/\d+/value)/\d+"
 OPEN = re.compile("|".join([
     # Agents, lags, segments, states, pages and versions that do not exist there.
     r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer|lag)",
+    # What a region names, and which bins and ranges its features have.
+    r"/region(/.*)?|/region\..*",
+    # Derived features are of features that are there, and of some kinds alone.
+    r"/derived(/.*)?",
     # Which characters are printable is for Unicode to say.
     r"/segment",
     # A threshold and a share exclude each other, and neither can be above what the two agents can reach.

@@ -94,6 +94,7 @@ fn one_kind_each(schemas: &mut Value) {
 fn refine(parameter: &mut Value) {
     const NAME: &str = "^[a-z0-9][a-z0-9._-]{0,62}$";
     const STATE: &str = r"^state\.[a-z0-9][a-z0-9._-]{0,62}$";
+    const REGION: &str = r"^region\.[a-z0-9][a-z0-9._-]{0,62}$";
     const PRODUCER: &str = "^[A-Za-z0-9][A-Za-z0-9._:@-]{0,127}$";
 
     if parameter["in"] == "query" {
@@ -108,6 +109,7 @@ fn refine(parameter: &mut Value) {
         "producer" => schema["pattern"] = PRODUCER.into(),
         "given" => schema["items"]["pattern"] = NAME.into(),
         "state" => schema["propertyNames"] = serde_json::json!({ "pattern": STATE }),
+        "region" => schema["propertyNames"] = serde_json::json!({ "pattern": REGION }),
         _ => {}
     }
 }

@@ -7,9 +7,15 @@ use serde::Deserialize;
 use serde::de::{Deserializer, Error, MapAccess, SeqAccess, Visitor};
 use serde_path_to_error::Segment;
 
-/// Decodes a JSON document; `what` names it in the problem.
+/// Decodes a JSON document, which is an object; `what` names it in the problem.
 pub fn decode<'a, T: Deserialize<'a>>(what: &str, bytes: &'a [u8]) -> Result<T, Problem> {
-    serde_json::from_slice(bytes).map_err(|error| {
+    let decoded = serde_json::from_slice(bytes);
+    // Serde takes the members of an object in order too, as a list.
+    if decoded.is_ok() && bytes.trim_ascii_start().starts_with(b"[") {
+        let fault = Fault::new("", "got a list, expected an object");
+        return Err(Problem::invalid(what, vec![fault]));
+    }
+    decoded.map_err(|error| {
         let fault = not_finite(bytes, &error)
             .unwrap_or_else(|| fault(place::<T>(bytes), &error.to_string()));
         Problem::invalid(what, vec![fault])
@@ -161,7 +167,7 @@ fn in_words_of_json(message: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::json::Description;
+    use crate::json::{Description, EnvironmentChange};
 
     fn fault(text: &str) -> Fault {
         decode::<Description>("environment", text.as_bytes())
@@ -227,6 +233,8 @@ mod tests {
         }
         assert!(decode::<Description>("environment", b"{\"state\": \"\xff\"}").is_err());
         assert!(decode::<Description>("environment", "[".repeat(100_000).as_bytes()).is_err());
+        let change = decode::<EnvironmentChange>("body", b" [null, null]").expect_err("a list");
+        assert_eq!(change.faults[0].detail, "got a list, expected an object");
     }
 
     #[test]
