@@ -15,7 +15,7 @@ use crate::experiments::lag_profile::{Curve, plot};
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ProfileArguments {
     /// Say what all states say together, at one lag after the other
-    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "estimators", "significance", "visits_to_decide", "view"])]
+    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "estimators", "significance", "visits_to_decide", "view", "rule_kind", "rule_threshold", "rule_share", "rule_unit", "rule_min_visits", "rule_confidence"])]
     pub(super) profile: bool,
     /// The states of the profile: what some of their features, or of the derived ones, may be:
     /// a value, several (a,b), a range (1..2) or bins by their numbers (#0,#1); all unless given
@@ -105,7 +105,8 @@ pub(super) fn render(environment: &str, profile: &proto::GetProfileResponse) -> 
 
 fn row(point: &proto::ProfilePoint) -> [String; 7] {
     let null = point.null.unwrap_or_default();
-    let small = |number: f64| format!("{number:.5}");
+    // A negative one that is 0 by then is told as 0.
+    let small = |number: f64| format!("{:.5}", (number * 1e5).round() / 1e5 + 0.0);
     [
         point.lag.to_string(),
         count(point.draws),
@@ -120,6 +121,7 @@ fn row(point: &proto::ProfilePoint) -> [String; 7] {
 /// Returns a p-value so that it can be told whether it is small.
 fn p_value(p: f64) -> String {
     match p {
+        0.0 => "<1e-300".into(),
         p if p >= 0.001 => format!("{p:.3}"),
         p => format!("{p:.0e}"),
     }

@@ -45,7 +45,7 @@ fn draw(title: &str, unit: &str, curves: &[Curve], svg: &mut String) -> Result<(
         .disable_x_mesh()
         .light_line_style(WHITE)
         .x_labels(16)
-        .x_label_formatter(&|lag| format!("{lag:.0}"))
+        .x_label_formatter(&whole)
         .x_desc("steps from the ego's action to the other's")
         .y_desc(format!("excess over independence ({unit})"))
         .draw()?;
@@ -66,17 +66,33 @@ fn draw(title: &str, unit: &str, curves: &[Curve], svg: &mut String) -> Result<(
     sheet.present()
 }
 
-/// Returns the corners of the band: forth along its lower ends and back along its upper ones.
+/// Returns a whole lag, and nothing between them.
+fn whole(lag: &f64) -> String {
+    let is_whole = (lag - lag.round()).abs() < 1e-6;
+    if is_whole {
+        format!("{}", lag.round() as i64)
+    } else {
+        String::new()
+    }
+}
+
+/// Returns the corners of the band: forth along its lower ends and back along its upper ones, and a
+/// little further than the first and the last lag, so that there is something to see of one.
 fn band(curve: &Curve) -> Vec<(f64, f64)> {
-    let lower = curve
-        .points
-        .iter()
-        .map(|(lag, _, [lower, _])| (f64::from(*lag), *lower));
-    let upper = curve
-        .points
-        .iter()
-        .map(|(lag, _, [_, upper])| (f64::from(*lag), *upper));
-    lower.chain(upper.rev()).collect()
+    const FURTHER: f64 = 0.15;
+    let end = |which: usize| {
+        let points = curve
+            .points
+            .iter()
+            .map(move |(lag, _, ends)| (f64::from(*lag), ends[which]));
+        let mut points: Vec<(f64, f64)> = points.collect();
+        if let (Some(first), Some(last)) = (points.first().copied(), points.last().copied()) {
+            points.insert(0, (first.0 - FURTHER, first.1));
+            points.push((last.0 + FURTHER, last.1));
+        }
+        points
+    };
+    end(0).into_iter().chain(end(1).into_iter().rev()).collect()
 }
 
 fn lags(curves: &[Curve]) -> Range<f64> {

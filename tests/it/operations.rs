@@ -283,7 +283,7 @@ async fn every_refusal_has_a_body() {
 }
 
 /// Every path of REST. Each is a promise: one that comes is written here, and none goes.
-const PATHS: [&str; 16] = [
+const PATHS: [&str; 17] = [
     "/v1/environments",
     "/v1/environments/{environment}",
     "/v1/environments/{environment}/explore",

@@ -141,10 +141,8 @@ impl Profile {
     /// over all lags of the profile (Bonferroni); `None` where none does.
     pub fn peak(&self) -> Option<u32> {
         let level = LEVEL / self.points.len() as f64;
-        let passing = self
-            .points
-            .iter()
-            .filter(|point| point.pooled.p_value <= level);
+        let passes = |pooled: &Pooled| pooled.p_value <= level && pooled.excess > 0.0;
+        let passing = self.points.iter().filter(|point| passes(&point.pooled));
         let largest = passing.max_by(|a, b| a.pooled.excess.total_cmp(&b.pooled.excess));
         largest.map(|point| point.lag)
     }

@@ -106,11 +106,12 @@ pub struct ProfilePoint {
     #[schema(minimum = 0, maximum = 1)]
     pub p_value: f64,
     /// The same of a test that looks for one pattern shared by all states; absent where none could be
-    /// seen. Where actions are held it finds too much.
+    /// seen. Where actions are held, or some are rare, it finds too much.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(minimum = 0, maximum = 1)]
     pub p_value_same_pattern: Option<f64>,
-    /// Estimates the mutual information behind the counts; may be negative. In the profile's unit.
+    /// Half of Pearson's phi-squared behind the counts, which is the mutual information where that is
+    /// weak; may be negative. In the profile's unit.
     pub size: f64,
     /// Where it lies on these segments, with a probability of 95 %. In the profile's unit.
     #[serde(skip_serializing_if = "Option::is_none")]

@@ -173,6 +173,8 @@ fn shares(lines: &[CountOfCounts], total: u64, order: usize) -> Vec<f64> {
 const MOST_ORDERS: usize = 24;
 /// Two coefficients in a row as small as this end an expansion.
 const NEGLIGIBLE: f64 = 1e-10;
+/// The share of a variance that rounding may be.
+const ROUNDING: f64 = 1e-13;
 /// From this many visits expected in a cell on, the first two orders are taken at their limits.
 const LIMIT_FROM: f64 = 2_000.0;
 
@@ -185,6 +187,8 @@ struct Basis {
     weighed: Vec<f64>,
     before: Vec<f64>,
     current: Vec<f64>,
+    /// Var f.
+    variance: f64,
 }
 
 impl Basis {
@@ -202,14 +206,20 @@ impl Basis {
         tell(self.weighed.iter().sum());
 
         let most = urn.most_order().min(MOST_ORDERS as u64 - 1);
-        let (mut link, mut last) = (0.0, f64::INFINITY);
+        let (mut link, mut last, mut left) = (0.0, f64::INFINITY, self.variance);
         for order in 0..most {
             let centre = urn.rising(order) + urn.falling(order);
             let next_link = (urn.rising(order) * urn.falling(order + 1)).sqrt();
             let value = self.step(centre, link, next_link);
+            // Squares of all orders add up to the variance (Parseval): one that is above what is
+            // left of it is rounding, which grows without bounds from here on.
+            left -= value * value;
+            if left < -ROUNDING * self.variance {
+                return;
+            }
             tell(value);
 
-            if value.abs().max(last) < NEGLIGIBLE {
+            if value.abs().max(last) < NEGLIGIBLE || left <= ROUNDING * self.variance {
                 return;
             }
             (link, last) = (next_link, value.abs());
@@ -251,6 +261,11 @@ impl Basis {
                 .zip(&self.probabilities)
                 .map(|(&x, p)| p / whole * f(x)),
         );
+        let mean: f64 = self.weighed.iter().sum();
+        let squares = self.values.iter().zip(&self.probabilities);
+        self.variance = squares
+            .map(|(&x, p)| p / whole * (f(x) - mean).powi(2))
+            .sum();
         self.before.clear();
         self.before.resize(self.values.len(), 0.0);
         self.current.clear();

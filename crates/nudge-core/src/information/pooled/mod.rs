@@ -76,8 +76,8 @@ pub struct Pooled {
     /// The test of one pattern shared by all strata; `None` where no stratum can show one or the
     /// alphabets are too large to test ((R - 1)(K - 1) above 1,024).
     pub same_pattern: Option<SamePattern>,
-    /// The mutual information behind the counts, in nats: see [`Pool::pooled`]. May be negative; 0
-    /// where no stratum has two rows and two columns.
+    /// Half of Pearson's phi-squared behind the counts: their mutual information, in nats, where that
+    /// is weak; see [`Pool::pooled`]. May be negative; 0 where no stratum has two rows and two columns.
     pub size: f64,
     /// sum_s N_s kappa_s: the visits that `size` stands on, out of `visits`.
     pub effective_visits: f64,

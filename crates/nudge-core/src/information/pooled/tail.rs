@@ -17,7 +17,8 @@ use crate::information::table::Table;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TailMethod {
     /// From seeded permutations within strata, ended early where p is large (Besag & Clifford 1991,
-    /// "Sequential Monte Carlo p-values"): to 256 visits that can be exchanged.
+    /// "Sequential Monte Carlo p-values"): to 256 visits that can be exchanged, and to 64 that are not
+    /// of the commonest action of either agent.
     Permutation,
     /// From the gamma distribution with the exact mean and variance of the statistic and a third
     /// moment by permutations of each stratum (Pearson's type III): to 16,384 such visits, and in
@@ -40,8 +41,12 @@ impl TailMethod {
 
 /// To so many visits, a statistic takes few values, and no smooth distribution is like it.
 const FEW_VISITS: u64 = 256;
-/// Permutations of a pool of few visits, at most.
-const MOST_PERMUTATIONS: u32 = 100_000;
+/// The same of visits beside those of the commonest row or column: of 10,000 visits of which one is
+/// in another row and one in another column, the statistic takes two values.
+const FEW_RARE: u64 = 64;
+/// Permutations of a pool of few visits, at most, and of all its strata together.
+const MOST_PERMUTATIONS: usize = 100_000;
+const MOST_SHUFFLES: usize = 4_000_000;
 /// So many permutations that reach the statistic are enough: p is then known to 4 %.
 const ENOUGH_REACHING: u32 = 600;
 
@@ -56,6 +61,8 @@ const NEARLY_NORMAL: f64 = 1_000.0;
 pub(super) struct Kept {
     strata: Vec<Table>,
     visits: u64,
+    /// Those beside the commonest row or column of each stratum.
+    rare: u64,
     is_large: bool,
 }
 
@@ -63,6 +70,7 @@ impl Kept {
     /// Keeps a stratum of a pool that has these moments with it.
     pub fn add(&mut self, table: &Table, null: Moments) {
         self.visits += table.total();
+        self.rare += rare(table);
         if self.visits > SOME_VISITS && shape(null) > NEARLY_NORMAL {
             self.is_large = true;
             self.strata = Vec::new();
@@ -76,7 +84,7 @@ impl Kept {
     pub fn p_value(&self, statistic: f64, null: Moments, seed: u64) -> (f64, TailMethod) {
         if self.is_large || self.strata.is_empty() {
             (gamma_tail(statistic, null), TailMethod::Gamma)
-        } else if self.visits <= FEW_VISITS {
+        } else if self.visits <= FEW_VISITS || self.rare <= FEW_RARE {
             (self.permuted(statistic, seed), TailMethod::Permutation)
         } else {
             let third = self.third_moment(null, seed);
@@ -101,13 +109,14 @@ impl Kept {
         };
 
         let mut reaching = 0;
-        for permutation in 1..=MOST_PERMUTATIONS {
+        let most = MOST_PERMUTATIONS.min(MOST_SHUFFLES / self.strata.len()) as u32;
+        for permutation in 1..=most {
             reaching += u32::from(draw() >= bar);
             if reaching == ENOUGH_REACHING {
                 return f64::from(reaching) / f64::from(permutation);
             }
         }
-        f64::from(1 + reaching) / f64::from(1 + MOST_PERMUTATIONS)
+        f64::from(1 + reaching) / f64::from(1 + most)
     }
 
     /// Returns the third central moment of the statistic: the sum of the strata's, each from its
@@ -117,7 +126,12 @@ impl Kept {
         let mut random = Pcg64::seed_from_u64(seed);
         let each: Vec<Moments> = self.strata.iter().map(of_table).collect();
         let squares: f64 = each.iter().map(|one| one.variance * one.variance).sum();
-        let draws = draws(null.variance * null.variance / squares);
+        let cells: usize = self
+            .strata
+            .iter()
+            .map(|table| table.rows().len() * table.columns().len())
+            .sum();
+        let draws = draws(null.variance * null.variance / squares, cells);
 
         let third = |(table, own): (&Table, &Moments)| {
             let mut sampler = sampler(table);
@@ -139,11 +153,21 @@ fn sampler(table: &Table) -> Sampler {
 }
 
 /// Returns how many permutations of each of so many equal strata leave the skewness of them all
-/// with a standard error of .03: that of one is sqrt(15 / B), and of their sum an S-th of it.
-fn draws(strata: f64) -> u32 {
+/// with a standard error of .03: that of one is sqrt(15 / B), and of their sum an S-th of it; fewer
+/// where all have so many cells that it would take longer than some tenths of a second.
+fn draws(strata: f64, cells: usize) -> u32 {
     /// 15 / .03^2
     const OF_ONE: f64 = 16_667.0;
-    (OF_ONE / (strata * strata)).clamp(256.0, 8_192.0) as u32
+    /// Cells drawn in all.
+    const MOST_CELLS: f64 = 1.5e6;
+    let affordable = (MOST_CELLS / cells as f64).clamp(256.0, 8_192.0);
+    (OF_ONE / (strata * strata)).clamp(256.0, affordable) as u32
+}
+
+/// Returns how many visits are beside those of the commonest row or column, whichever leaves fewer.
+fn rare(table: &Table) -> u64 {
+    let beside = |sums: &[u64]| table.total() - sums.iter().max().copied().unwrap_or(0);
+    beside(table.rows()).min(beside(table.columns()))
 }
 
 /// Returns the shape of the gamma distribution with these moments.

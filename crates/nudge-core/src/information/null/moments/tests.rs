@@ -72,12 +72,21 @@ fn match_50_digits() {
 #[test]
 fn agree_with_shuffled_visits() {
     const SHUFFLES: usize = 20_000;
-    let margins: [(&[u64], &[u64]); 5] = [
+    let geometric: Vec<u64> = (0..13).map(|at| 1 + 4_000 / 3_u64.pow(at)).collect();
+    let steep: Vec<u64> = vec![60_000, 30_000, 8_000, 1_500, 400, 70, 20, 6, 3, 1];
+    let margins: [(&[u64], &[u64]); 8] = [
         (&[40, 31, 17, 8, 3, 1], &[55, 25, 10, 5, 4, 1]),
         (&[95, 2, 1, 1, 1], &[80, 5, 5, 5, 5]),
         (&[10; 10], &[4; 25]),
         (&[900, 700, 400], &[1_500, 300, 200]),
         (&[9_000, 7_000, 4_000], &[15_000, 4_997, 3]),
+        // Where the recurrence is unstable in most cells.
+        (&geometric, &geometric),
+        (&steep, &steep),
+        (
+            &[1_000, 500, 300, 100, 60, 25, 10, 4, 1],
+            &[1_200, 500, 200, 70, 20, 7, 2, 1],
+        ),
     ];
     for (rows, columns) in margins {
         let exact = moments(rows, columns);
