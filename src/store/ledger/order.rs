@@ -289,15 +289,12 @@ impl Packing {
             return self.sorted_by_one(parts);
         }
         scope(|threads| {
-            let first = || self.sorted_by_one(first);
-            let spawned = Builder::new().spawn_scoped(threads, first);
+            let sort = || self.sorted_by_one(first);
+            let spawned = Builder::new().spawn_scoped(threads, sort);
             let second = self.sorted_by_one(second);
             // Where no thread is to be had, or it ended without an answer, this one does it.
             let first = spawned.ok().and_then(|thread| thread.join().ok());
-            packed_merge(
-                first.unwrap_or_else(|| self.sorted_by_one(halves(parts).0)),
-                second,
-            )
+            packed_merge(first.unwrap_or_else(sort), second)
         })
     }
 

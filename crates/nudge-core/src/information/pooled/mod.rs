@@ -137,9 +137,10 @@ impl Pool {
         }
 
         self.statistic += table.total() as f64 * plug_in(table);
-        self.null.add(memo.moments(table));
+        let own = memo.moments(table);
+        self.null.add(own);
         self.patterns.add(table);
-        self.kept.add(table, self.null);
+        self.kept.add(table, own, self.null);
     }
 
     /// Returns what all strata together say. The `seed` is for the permutations of small pools, the

@@ -5,7 +5,7 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use statrs::function::gamma::gamma_ur;
 
-use crate::information::null::moments::{Moments, moments};
+use crate::information::null::moments::Moments;
 use crate::information::significance::{Sampler, bar, freedoms};
 use crate::information::table::Table;
 
@@ -59,7 +59,8 @@ const NEARLY_NORMAL: f64 = 1_000.0;
 /// The informative strata of a pool, until it is known to be large.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Kept {
-    strata: Vec<Table>,
+    /// Each with its own moments.
+    strata: Vec<(Table, Moments)>,
     visits: u64,
     /// Those beside the commonest row or column of each stratum.
     rare: u64,
@@ -67,8 +68,8 @@ pub(super) struct Kept {
 }
 
 impl Kept {
-    /// Keeps a stratum of a pool that has these moments with it.
-    pub fn add(&mut self, table: &Table, null: Moments) {
+    /// Keeps a stratum with its own moments, of a pool that has `null` with it.
+    pub fn add(&mut self, table: &Table, own: Moments, null: Moments) {
         self.visits += table.total();
         self.rare += rare(table);
         if self.visits > SOME_VISITS && shape(null) > NEARLY_NORMAL {
@@ -76,7 +77,7 @@ impl Kept {
             self.strata = Vec::new();
         }
         if !self.is_large {
-            self.strata.push(table.clone());
+            self.strata.push((table.clone(), own));
         }
     }
 
@@ -100,7 +101,7 @@ impl Kept {
     fn permuted(&self, statistic: f64, seed: u64) -> f64 {
         let bar = bar(statistic);
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut samplers: Vec<Sampler> = self.strata.iter().map(sampler).collect();
+        let mut samplers: Vec<Sampler> = self.tables().map(sampler).collect();
         let mut draw = || -> f64 {
             samplers
                 .iter_mut()
@@ -124,28 +125,25 @@ impl Kept {
     /// strata: so many strata need but few permutations each.
     fn third_moment(&self, null: Moments, seed: u64) -> f64 {
         let mut random = Pcg64::seed_from_u64(seed);
-        let each: Vec<Moments> = self.strata.iter().map(of_table).collect();
-        let squares: f64 = each.iter().map(|one| one.variance * one.variance).sum();
-        let cells: usize = self
-            .strata
-            .iter()
-            .map(|table| table.rows().len() * table.columns().len())
-            .sum();
-        let draws = draws(null.variance * null.variance / squares, cells);
+        let squares = self.strata.iter().map(|(_, own)| own.variance.powi(2));
+        let cells = self
+            .tables()
+            .map(|table| table.rows().len() * table.columns().len());
+        let draws = draws(null.variance.powi(2) / squares.sum::<f64>(), cells.sum());
 
-        let third = |(table, own): (&Table, &Moments)| {
+        let third = |(table, own): &(Table, Moments)| {
             let mut sampler = sampler(table);
             let cubes: f64 = (0..draws)
                 .map(|_| (sampler.draw(&mut random) - own.mean).powi(3))
                 .sum();
             cubes / f64::from(draws)
         };
-        self.strata.iter().zip(&each).map(third).sum()
+        self.strata.iter().map(third).sum()
     }
-}
 
-fn of_table(table: &Table) -> Moments {
-    moments(table.rows(), table.columns())
+    fn tables(&self) -> impl Iterator<Item = &Table> {
+        self.strata.iter().map(|(table, _)| table)
+    }
 }
 
 fn sampler(table: &Table) -> Sampler {
