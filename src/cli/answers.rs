@@ -30,7 +30,8 @@ fn written_threshold(threshold: f64) -> String {
     significant(threshold, 6)
 }
 
-fn heading(
+/// Tells what is asked about, and the rule.
+pub(super) fn heading(
     environment: &str,
     labels: &proto::Labels,
     lag: u32,
@@ -106,19 +107,13 @@ fn one(answer: &proto::Answer, labels: &proto::Labels) -> String {
 
 /// Tells what the counts support, a line each.
 fn evidence(answer: &proto::Answer) -> String {
-    let mut lines = Vec::new();
-    if let (Some(probability), Some(threshold)) = (&answer.probability, answer.threshold) {
-        let (threshold, above) = (
-            written_threshold(threshold),
-            figure(probability.above_threshold),
-        );
-        let above = format!("by the counts P(above {threshold} {}) {above}", answer.unit);
-        let dependence = dependence(answer.dependence).unwrap_or("unknown");
-        lines.push(format!(
-            "{above}; dependence {dependence}, P(dependent) {}",
-            figure(probability.dependent)
-        ));
-    }
+    let mut lines: Vec<String> = probabilities(answer)
+        .zip(answer.probability)
+        .map(|(told, probability)| {
+            format!("{told}, P(dependent) {}", figure(probability.dependent))
+        })
+        .into_iter()
+        .collect();
     if let Some(test) = &answer.significance {
         lines.push(format!(
             "test of independence: p = {} ({})",
@@ -146,8 +141,22 @@ fn evidence(answer: &proto::Answer) -> String {
     lines.iter().map(|line| format!("{line}\n")).collect()
 }
 
+/// Tells how probable influence is by the counts, and whether there is any dependence.
+pub(super) fn probabilities(answer: &proto::Answer) -> Option<String> {
+    let (probability, threshold) = (answer.probability.as_ref()?, answer.threshold?);
+    let (threshold, above) = (
+        written_threshold(threshold),
+        figure(probability.above_threshold),
+    );
+    let dependence = dependence(answer.dependence).unwrap_or("unknown");
+    Some(format!(
+        "by the counts P(above {threshold} {}) {above}; dependence {dependence}",
+        answer.unit
+    ))
+}
+
 /// Tells how many segments the counts come from, where there are several.
-fn segmentation(answer: &proto::Answer) -> Option<String> {
+pub(super) fn segmentation(answer: &proto::Answer) -> Option<String> {
     let proto::Segmentation {
         count: segments,
         differ,
@@ -394,7 +403,8 @@ fn by_state(answers: &[proto::Answer], labels: &proto::Labels) -> String {
     .collect()
 }
 
-fn basis(answer: &proto::Answer) -> String {
+/// Tells what a verdict rests on.
+pub(super) fn basis(answer: &proto::Answer) -> String {
     match (answer.basis(), answer.basis_version) {
         (proto::Basis::Counts, _) => "counts".into(),
         (proto::Basis::Model, Some(version)) => format!("model, version {version}"),
@@ -453,6 +463,7 @@ mod tests {
                     lower: 0.0,
                     upper: 0.0143,
                 }),
+                ..proto::MutualInformation::default()
             }),
             dependence: proto::Dependence::Open.into(),
             probability: Some(proto::Probability {

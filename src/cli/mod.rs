@@ -27,6 +27,7 @@ mod output;
 mod profile;
 mod progress;
 mod query;
+mod region;
 mod report;
 mod serve;
 mod server;

@@ -7,20 +7,14 @@ use clap::Args;
 use super::Failure;
 use super::output::{Table, cannot_write, count};
 use crate::api::proto;
-use crate::domain::draft::RegionDraft;
-use crate::error::Problem;
 use crate::experiments::lag_profile::{Curve, plot};
 
 /// What a profile is asked with beside the pair.
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ProfileArguments {
     /// Say what all states say together, at one lag after the other
-    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "estimators", "significance", "visits_to_decide", "view", "rule_kind", "rule_threshold", "rule_share", "rule_unit", "rule_min_visits", "rule_confidence"])]
+    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "features", "estimators", "significance", "visits_to_decide", "view", "rule_kind", "rule_threshold", "rule_share", "rule_unit", "rule_min_visits", "rule_confidence"])]
     pub(super) profile: bool,
-    /// The states of the profile: what some of their features, or of the derived ones, may be:
-    /// a value, several (a,b), a range (1..2) or bins by their numbers (#0,#1); all unless given
-    #[arg(long, num_args = 1.., value_name = "FEATURE=VALUES", requires = "profile")]
-    region: Vec<String>,
     /// The lags of the profile; 0 and all that are declared unless given
     #[arg(long, num_args = 1.., value_delimiter = ',', allow_negative_numbers = true, value_name = "STEPS", requires = "profile")]
     lags: Vec<i32>,
@@ -31,16 +25,16 @@ pub(super) struct ProfileArguments {
 
 impl ProfileArguments {
     /// Returns the question as the service takes it.
-    pub(super) fn request(&self, scope: proto::Scope) -> Result<proto::GetProfileRequest, Problem> {
-        let region = RegionDraft::of_words(&self.region).map_err(|faults| {
-            let faults = faults.into_iter().map(|fault| fault.under("/region"));
-            Problem::invalid("question", faults.collect())
-        })?;
-        Ok(proto::GetProfileRequest {
+    pub(super) fn request(
+        &self,
+        scope: proto::Scope,
+        region: proto::Region,
+    ) -> proto::GetProfileRequest {
+        proto::GetProfileRequest {
             scope: Some(scope),
-            region: Some(region.into()),
+            region: Some(region),
             lags: self.lags.clone(),
-        })
+        }
     }
 
     /// Draws a profile, where a file was given for it.
@@ -105,21 +99,29 @@ pub(super) fn render(environment: &str, profile: &proto::GetProfileResponse) -> 
 
 fn row(point: &proto::ProfilePoint) -> [String; 7] {
     let null = point.null.unwrap_or_default();
-    // A negative one that is 0 by then is told as 0.
-    let small = |number: f64| format!("{:.5}", (number * 1e5).round() / 1e5 + 0.0);
     [
         point.lag.to_string(),
         count(point.draws),
         count(point.strata),
         small(point.excess),
-        format!("{} to {}", small(null.lower), small(null.upper)),
+        range(null),
         p_value(point.p_value),
         point.p_value_same_pattern.map_or("-".into(), p_value),
     ]
 }
 
+/// Returns a small number, a negative one that is 0 by then as 0.
+fn small(number: f64) -> String {
+    format!("{:.5}", (number * 1e5).round() / 1e5 + 0.0)
+}
+
+/// Returns the two ends of a range of small numbers.
+pub(super) fn range(range: proto::Range) -> String {
+    format!("{} to {}", small(range.lower), small(range.upper))
+}
+
 /// Returns a p-value so that it can be told whether it is small.
-fn p_value(p: f64) -> String {
+pub(super) fn p_value(p: f64) -> String {
     match p {
         0.0 => "<1e-300".into(),
         p if p >= 0.001 => format!("{p:.3}"),

@@ -7,6 +7,7 @@ use clap::{Args, ValueEnum};
 use super::asking::asked;
 use super::output::{print, print_json, to_json};
 use super::profile::{self, ProfileArguments};
+use super::region::{self, Regions};
 use super::server::Server;
 use super::{Failure, answers, graph};
 use crate::api::{json as dto, proto};
@@ -21,11 +22,13 @@ use crate::error::{Fault, Problem};
     long_about = "Ask whether one agent's action influences another's in some states, how strongly, and from how many visits.\n\n\
     A state is given by the values of its features, or by its key. Several --state or --key ask about several states; where a feature is named \
     again, the next state begins. Plug-in mutual information stands beside what it would be on average if nothing depended on anything: at few \
-    visits the two are close, and the figure is mostly bias. The posterior mean, its interval and the probabilities are what the counts support.\n\n\
+    visits the two are close, and the figure is mostly bias. The posterior mean, its interval and the probabilities are what the counts support. A --region asks about all its states \
+    as one: what a state has too few visits to tell, all of them together may.\n\n\
     Example:\n  nudge query hallway --state distance=1.2 lane=3 --ego robot --other human\n  \
     nudge query hallway --key 3.0 --key 3.1 --segments trial-3 --unit bits\n  \
     nudge query hallway --key 3.0 --lag 3\n  \
     nudge query kitchen --key 3.0 --ego cook --other pot\n  \
+    nudge query kitchen --region distance=2 held=onion,dish --lag 4\n  \
     nudge query kitchen --profile --region distance=1..2 --svg profile.svg\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
 )]
@@ -39,6 +42,12 @@ pub(super) struct Query {
     /// A state by its key, such as 3.0.7
     #[arg(long, num_args = 1.., conflicts_with = "state")]
     key: Vec<String>,
+    #[command(flatten)]
+    regions: Regions,
+    /// Grain of the regions: features of their states, or derived ones, that are kept; all unless
+    /// given
+    #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "FEATURE", requires = "region")]
+    features: Vec<String>,
     /// Agent whose influence is asked about; the first one unless given
     #[arg(long, value_name = "AGENT")]
     ego: Option<String>,
@@ -80,7 +89,7 @@ pub(super) struct Query {
     #[arg(long, value_enum)]
     view: Option<View>,
     /// Draw the causal graph of one state: what every pair of agents is, beside all others
-    #[arg(long, conflicts_with_all = ["ego", "other", "given", "estimators", "significance", "visits_to_decide", "view"])]
+    #[arg(long, conflicts_with_all = ["ego", "other", "given", "region", "estimators", "significance", "visits_to_decide", "view"])]
     graph: bool,
     #[command(flatten)]
     profile: ProfileArguments,
@@ -171,9 +180,14 @@ impl Query {
         if self.profile.profile {
             return self.run_profile().await;
         }
-        if self.state.is_empty() && self.key.is_empty() {
-            let message = "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features), or --profile for all states together";
-            return Err(Failure::usage(message));
+        let is_about_states = !self.state.is_empty() || !self.key.is_empty();
+        if is_about_states != self.regions.is_empty() {
+            return Err(Failure::usage(match is_about_states {
+                true => "got states and regions, expected one of them",
+                false => {
+                    "no state: add --state FEATURE=VALUE ... or --key KEY (`nudge env show` lists the features), or --region for many states as one, or --profile for all of them by lag"
+                }
+            }));
         }
 
         let connection = self.server.connect().await?;
@@ -200,13 +214,15 @@ impl Query {
 
         if self.json {
             print_json(&to_json(dto::Answers::from(response)))
-        } else {
+        } else if self.regions.is_empty() {
             print(&answers::render(&self.environment, &response))
+        } else {
+            print(&region::render(&self.environment, &response))
         }
     }
 
     async fn run_profile(self) -> Result<(), Failure> {
-        let request = self.profile.request(self.scope())?;
+        let request = self.profile.request(self.scope(), self.regions.joined()?);
         let connection = self.server.connect().await?;
         let ask = || {
             let (mut client, request) = (connection.influence(), request.clone());
@@ -224,11 +240,13 @@ impl Query {
     /// Returns the question as the service takes it.
     fn request(&self, schema: &Schema) -> Result<proto::BatchGetInfluenceRequest, Problem> {
         let states = values(schema, grouped(&self.state))?;
-        let asked = states.len() + self.key.len();
+        let asked = states.len() + self.key.len() + self.regions.len();
         Ok(proto::BatchGetInfluenceRequest {
             scope: Some(self.scope()),
             states,
             keys: self.key.clone(),
+            regions: self.regions.messages()?,
+            features: self.features.clone(),
             view: self.view(asked).into(),
             estimators: self.estimators.clone(),
             significance: self

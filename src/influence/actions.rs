@@ -2,9 +2,10 @@
 //! (Kullback-Leibler divergence), and how the other responds, with credible intervals.
 
 use super::assessor::Assessor;
-use crate::domain::{ActionFigures, Interval};
+use crate::domain::{ActionFigures, Interval, Schema, Scope};
 use crate::evidence::ActionPosterior;
 use crate::information::Table;
+use crate::information::pooled::{Response, Responses};
 use crate::priors::{self, Observations, Tables};
 
 /// Returns the figures of every ego action, seen or not, in index order; `observations` is what the
@@ -46,10 +47,9 @@ fn figures(
         index,
         action: ego.action_label(index),
         visits: tables.whole.row_sum(index),
-        divergence: None,
         plug_in_divergence: row.map(|row| unit(tables.divergence(row))),
         response: row.map(|row| frequencies(&tables.whole, row, responses)),
-        response_intervals: Vec::new(),
+        ..ActionFigures::default()
     };
 
     match believed {
@@ -64,6 +64,26 @@ fn figures(
             ..seen
         },
     }
+}
+
+/// Returns the figures of every ego action over the strata of a region, in index order, in nats.
+pub fn on_the_whole(schema: &Schema, scope: &Scope, responses: &Responses) -> Vec<ActionFigures> {
+    let ego = &schema.agents()[scope.pair.ego];
+    let figures = |(index, response): (u64, Response)| {
+        let is_seen = response.visits > 0;
+        ActionFigures {
+            index,
+            action: ego.action_label(index),
+            visits: response.visits,
+            plug_in_divergence: is_seen.then_some(response.divergence),
+            expected_divergence: is_seen.then_some(response.divergence_if_independent),
+            response: is_seen.then_some(response.frequencies),
+            response_intervals: response.intervals,
+            response_if_independent: response.if_independent,
+            ..ActionFigures::default()
+        }
+    };
+    (0..).zip(responses.by_row()).map(figures).collect()
 }
 
 /// Returns the relative frequency of each of the other's actions after the ego's action at a row.

@@ -5,7 +5,7 @@ use crate::domain::{
     Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation,
     StateKey, Tally, Verdict, View,
 };
-use crate::evidence::{self, Believed};
+use crate::evidence::{self, Believed, RegionState};
 use crate::information::{ExpectedMethod, plug_in};
 use crate::model::{Network, Prediction};
 use crate::priors::{
@@ -127,6 +127,25 @@ impl Assessor<'_> {
             verdict,
             basis,
         }
+    }
+
+    /// Returns what a state with these cells adds to what is believed of a region, and P(habits differ
+    /// by segment) where that is known; `None` where the alphabets are too large for evidence.
+    pub fn region_state<'c>(
+        &self,
+        tally: Tally,
+        cells: impl Iterator<Item = &'c Cell> + Clone,
+    ) -> Option<(RegionState, Option<f64>)> {
+        let informed = self.informed?;
+        let Scope { pair, within, .. } = self.scope;
+        let tables = self.tables(cells.clone());
+        let observations = tables.observations(self.schema, pair, *within, cells);
+
+        let posterior = informed
+            .prior
+            .posterior(&informed.habits, observations.counted());
+        let differ = posterior.by_segment().map(|by_segment| by_segment.differ);
+        Some((RegionState::new(tally.n, &posterior), differ))
     }
 
     /// Returns the verdict of the counts by a kind of rule.

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 
 use super::answer::AnswerContext;
 use super::labels::bins;
-use super::questions::count_answers;
+use super::questions::count_verdicts;
 use super::skeleton::{self, EdgeFinding, Margin};
 use super::store_errors::logged;
 use super::{Influence, size};
@@ -85,7 +85,10 @@ impl Influence {
         let (answers, found) = turn
             .run(move |stop| tests.graph(&asked, &contexts, &counts, stop))
             .await?;
-        count_answers(started, &answers);
+        count_verdicts(
+            started,
+            answers.iter().map(|answer| (answer.verdict, answer.basis)),
+        );
         let edges = pairs.into_iter().zip(answers).zip(found);
         Ok(Graph {
             bins: bins(schema, &key),

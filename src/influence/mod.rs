@@ -9,6 +9,7 @@
 //! | what is asked | file | by |
 //! |---|---|---|
 //! | states that are named | `questions` | `answer`, `actions`, `stratified`: tests, figures |
+//! | regions, each as one | `questions` | `region_answers`, `region_warnings` |
 //! | the causal graph of a state | `graph` | `skeleton`: the PC algorithm |
 //! | a page of all states | `pages` | `listing`, `order` |
 //! | all states in sum, what to try next | `overviews` | `summary`, `explore` |
@@ -49,6 +50,8 @@ mod passes;
 mod profile;
 mod query_context;
 mod questions;
+mod region_answers;
+mod region_warnings;
 mod row;
 mod rows;
 mod size;
@@ -64,6 +67,7 @@ use explore::Explored;
 use pass_cache::PassCache;
 use profile::{Points, ProfileKey};
 use query_context::{CountRankingKey, RankingKey};
+use region_answers::{Made, RegionKey};
 use state_ranking::StateRanking;
 
 use crate::domain::{DiscoveryMethod, EnvironmentId, FittedPrior, Pair};
@@ -96,6 +100,7 @@ pub struct Handles {
     searched: PassCache<SearchKey, DiscoverySearch>,
     explored: PassCache<(RankingKey, u64), Explored>,
     profiles: PassCache<ProfileKey, Points>,
+    regions: PassCache<RegionKey, Made>,
     fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
@@ -118,6 +123,7 @@ impl Influence {
             searched: PassCache::new("the list of discoveries", stopping()),
             explored: PassCache::new("the exploration", stopping()),
             profiles: PassCache::new("the profile", stopping()),
+            regions: PassCache::new("the answers", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,

@@ -153,8 +153,7 @@ impl AtLag {
         }
     }
 
-    /// Adds the strata of a state: what is held fixed in it, and its segments unless they are to be
-    /// pooled.
+    /// Adds the strata of a state.
     fn add(&mut self, context: &ProfileContext, state: u64, scanned: &Scanned) {
         let schema = &context.environment.schema;
         let cells = || {
@@ -162,21 +161,13 @@ impl AtLag {
                 .counts
                 .of_pair(schema, &self.pair, context.segments.as_deref())
         };
-        let strata = match context.question.within {
-            Within::Pooled => Tables::numbered_strata(schema, &self.pair, cells())
-                .into_iter()
-                .map(|(_, table)| (SegmentId(0), table))
-                .collect(),
-            Within::Auto | Within::Segments => {
-                Tables::strata_of_segments(schema, &self.pair, cells())
-            }
-        };
         self.tally.add(Tally::sum(cells()));
-        for (SegmentId(segment), table) in &strata {
+        let within = context.question.within;
+        for one in Tables::strata_within(schema, &self.pair, within, cells()) {
             let stratum = Stratum {
                 state,
-                segment: segment.unsigned_abs(),
-                table,
+                segment: one.segment.0.unsigned_abs(),
+                table: &one.table,
             };
             self.pool.add(stratum, &mut self.memo);
         }

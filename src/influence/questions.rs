@@ -8,12 +8,15 @@ use tracing::instrument;
 
 use super::answer::{self, AnswerContext};
 use super::labels::{bins, labelled, labels};
+use super::region_answers::{self, Made, RegionContext};
 use super::store_errors::logged;
 use super::{Influence, size};
-use crate::domain::{Answer, Answers, Environment, Question, StateView, Tally};
+use crate::domain::{
+    Answers, Basis, Environment, Question, RegionAnswers, RegionQuestion, StateView, Tally, Verdict,
+};
 use crate::error::{Fault, Problem};
 use crate::telemetry;
-use crate::work::aside;
+use crate::work::{Progress, aside};
 
 impl Influence {
     /// Answers a question. Its answers stand on every transition acknowledged before it was asked.
@@ -42,12 +45,50 @@ impl Influence {
             },
         )
         .await?;
-        count_answers(started, &answers);
+        count_verdicts(
+            started,
+            answers.iter().map(|answer| (answer.verdict, answer.basis)),
+        );
         Ok(Answers {
             labels,
             lag,
             answers,
         })
+    }
+
+    /// Answers a question about regions.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
+    pub async fn answer_regions(
+        &self,
+        environment: &Arc<Environment>,
+        question: RegionQuestion,
+    ) -> Result<RegionAnswers, Problem> {
+        let started = Instant::now();
+        size::check_regions(&environment.schema, &question)?;
+        let scope = question.scope.clone();
+        let context = RegionContext {
+            query: self.query_context(environment, scope).await?,
+            question: Arc::new(question),
+        };
+
+        let totals = self.totals(&context.query).await?;
+        let made = |progress: Progress| {
+            let (this, context) = (self.clone(), context.clone());
+            async move {
+                let (store, gate) = (&*this.store, &this.work.passes);
+                region_answers::make(store, gate, &context, &progress).await
+            }
+        };
+        let is_current = |made: &Made| made.is_current(&context.query);
+        let made = self.regions.get(context.key(), totals, is_current, made);
+        let made = made.await?;
+        let answers = context.told(&made, made.as_of);
+        let verdicts = answers.answers.iter();
+        count_verdicts(
+            started,
+            verdicts.map(|answer| (answer.verdict, answer.basis)),
+        );
+        Ok(answers)
     }
 
     /// Returns the counts of the state of that key.
@@ -90,14 +131,14 @@ impl Influence {
     }
 }
 
-/// Counts a question that was answered.
-pub fn count_answers(since: Instant, answers: &[Answer]) {
+/// Counts a question that was answered, with these verdicts and what each rests on.
+pub fn count_verdicts(since: Instant, told: impl Iterator<Item = (Verdict, Basis)>) {
     telemetry::answered(since.elapsed());
 
     let mut verdicts: BTreeMap<_, u64> = BTreeMap::new();
-    for answer in answers {
+    for (verdict, basis) in told {
         *verdicts
-            .entry((answer.verdict.as_str(), answer.basis.as_str()))
+            .entry((verdict.as_str(), basis.as_str()))
             .or_default() += 1;
     }
     verdicts

@@ -4,7 +4,9 @@
 
 use super::query_context::QueryContext;
 use crate::api::{MOST_MESSAGE_BYTES, too_large};
-use crate::domain::{Counts, Feature, FeatureKind, Question, Schema, StateKey, View};
+use crate::domain::{
+    Counts, Feature, FeatureKind, Question, RegionQuestion, Schema, Scope, StateKey, View,
+};
 use crate::error::Problem;
 use crate::information::Alphabet;
 
@@ -30,12 +32,22 @@ pub fn check(schema: &Schema, question: &Question) -> Result<(), Problem> {
     };
 
     let actions = if question.view == View::Full {
-        actions_bytes(schema, question, PROBABILITY)
+        actions_bytes(schema, &question.scope, question.states.len(), PROBABILITY)
     } else {
         0
     };
 
     fits(states.saturating_add(actions), question.view)
+}
+
+/// Refuses a question whose answers about regions a message cannot hold.
+pub fn check_regions(schema: &Schema, question: &RegionQuestion) -> Result<(), Problem> {
+    let each = match question.view {
+        View::Full => 2 * PROBABILITY + INTERVAL,
+        View::Figures | View::Verdict => return Ok(()),
+    };
+    let actions = actions_bytes(schema, &question.scope, question.regions.len(), each);
+    fits(actions, question.view)
 }
 
 /// Refuses the same once it is known that there is evidence: intervals then stand beside responses,
@@ -59,7 +71,12 @@ pub fn check_informed(context: &QueryContext, question: &Question) -> Result<(),
     .map(u64::from);
     let each = PROBABILITY + evidence * INTERVAL + network * PROBABILITY;
     fits(
-        actions_bytes(&context.environment.schema, question, each),
+        actions_bytes(
+            &context.environment.schema,
+            &question.scope,
+            question.states.len(),
+            each,
+        ),
         question.view,
     )
 }
@@ -100,14 +117,12 @@ fn fits(bytes: u64, view: View) -> Result<(), Problem> {
     }
 }
 
-/// Returns the bytes of the figures of all ego actions in all states, each with so many for each of
-/// the other's actions.
-fn actions_bytes(schema: &Schema, question: &Question, each: u64) -> u64 {
-    let Alphabet { rows, columns } = question.scope.pair.alphabet(schema);
+/// Returns the bytes of the figures of all ego actions in so many states or regions, each with so
+/// many for each of the other's actions.
+fn actions_bytes(schema: &Schema, scope: &Scope, answers: usize, each: u64) -> u64 {
+    let Alphabet { rows, columns } = scope.pair.alphabet(schema);
     let action = columns.saturating_mul(each).saturating_add(ACTION);
-    action
-        .saturating_mul(rows)
-        .saturating_mul(question.states.len() as u64)
+    action.saturating_mul(rows).saturating_mul(answers as u64)
 }
 
 /// Returns the bytes of a state in a list, at most: its bins and its figures.

@@ -93,7 +93,9 @@ impl Dataset {
                 let observations = tables
                     .observations(&environment.schema, pair, Within::Auto, cells.clone())
                     .into_owned();
-                let strata = Tables::numbered_strata(&environment.schema, pair, cells);
+                let strata =
+                    Tables::strata_within(&environment.schema, pair, Within::Pooled, cells);
+                let strata = strata.into_iter().map(|one| (one.held, one.table));
                 (scanned.key, observations, dataset.letters.stacked(strata))
             });
             // Page by page, since a state may have hundreds of parts: what is kept of it is one

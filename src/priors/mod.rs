@@ -34,5 +34,5 @@ pub use fitted::{Fitted, Informed};
 pub use registry::PriorRegistry;
 pub use sample::Sample;
 pub use scan::Pages;
-pub use tables::{Observations, Tables, ego};
+pub use tables::{Observations, Stratum, Tables, ego};
 pub use unreadable::UnreadableFit;

@@ -32,6 +32,17 @@ pub struct Observations<'a> {
     parts: Vec<Table>,
 }
 
+/// A stratum of one state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stratum {
+    /// The joint action of what is held fixed.
+    pub held: u64,
+    /// The segment; 0 where segments are pooled.
+    pub segment: SegmentId,
+    /// Its draws, rows for the ego.
+    pub table: Table,
+}
+
 impl Observations<'_> {
     /// Returns them as the evidence takes them.
     pub fn counted(&self) -> evidence::Counted<'_> {
@@ -123,36 +134,28 @@ impl Tables {
         }
     }
 
-    /// Returns the strata of what counts as independent draws, rows for the ego, each with its
-    /// number: the joint action of what is held fixed.
-    pub fn numbered_strata<'a>(
+    /// Returns the strata of what counts as independent draws, rows for the ego: one for each joint
+    /// action of what is held fixed, cut by segment too unless segments are to be pooled.
+    pub fn strata_within<'a>(
         schema: &Schema,
         pair: &Pair,
+        within: Within,
         cells: impl Iterator<Item = &'a Cell> + Clone,
-    ) -> Vec<(u64, Table)> {
+    ) -> Vec<Stratum> {
         let count = observed(Independence::from(Tally::sum(cells.clone())));
-        let strata = stratified(schema, pair, cells, count, no_more);
-        strata
-            .into_iter()
-            .map(|((stratum, _), table)| (stratum, table))
-            .collect()
+        let cut = match within {
+            Within::Pooled => stratified(schema, pair, cells, count, no_more),
+            Within::Auto | Within::Segments => stratified(schema, pair, cells, count, by_segment),
+        };
+        let stratum = |((held, segment), table): (StratumKey, Table)| Stratum {
+            held,
+            segment: segment.unwrap_or(POOLED),
+            table,
+        };
+        cut.into_iter().map(stratum).collect()
     }
 
-    /// Returns the strata of what counts as independent draws, rows for the ego, cut by segment, each
-    /// with its segment.
-    pub fn strata_of_segments<'a>(
-        schema: &Schema,
-        pair: &Pair,
-        cells: impl Iterator<Item = &'a Cell> + Clone,
-    ) -> Vec<(SegmentId, Table)> {
-        let count = observed(Independence::from(Tally::sum(cells.clone())));
-        let strata = stratified(schema, pair, cells, count, by_segment).into_iter();
-        strata
-            .filter_map(|((_, segment), table)| Some((segment?, table)))
-            .collect()
-    }
-
-    /// Returns the same without the segments, rows for the earlier agent.
+    /// Returns the strata of observations cut by segment, rows for the earlier agent.
     pub fn strata_by_segment<'a>(
         schema: &Schema,
         pair: &Pair,
@@ -229,7 +232,7 @@ impl Tables {
         let count = observed(Independence::from(Tally::sum(cells.clone())));
         let cut = stratified(schema, &pair.undirected(), cells, count, by_segment);
         let by_stratum = cut.chunk_by(|((a, _), _), ((b, _), _)| a == b);
-        let parts = |stratum: &[(Stratum, Table)]| {
+        let parts = |stratum: &[(StratumKey, Table)]| {
             stratum
                 .iter()
                 .map(|(_, part)| part.clone())
@@ -296,7 +299,10 @@ impl Tables {
 type Counted = (u64, u64, u64);
 
 /// What a stratum is of: the joint action of the agents held fixed, and what it is cut by further.
-type Stratum = (u64, Option<SegmentId>);
+type StratumKey = (u64, Option<SegmentId>);
+
+/// The segment of strata that are not cut by it.
+const POOLED: SegmentId = SegmentId(0);
 
 fn visits(cell: &Cell) -> u64 {
     cell.tally.n
@@ -357,7 +363,7 @@ fn stratified<'a>(
     cells: impl Iterator<Item = &'a Cell>,
     count: impl Fn(&Cell) -> u64 + Copy,
     further: impl Fn(&Cell) -> Option<SegmentId>,
-) -> Vec<(Stratum, Table)> {
+) -> Vec<(StratumKey, Table)> {
     let of = |cell: &Cell| {
         (
             (pair.stratum(schema, cell), further(cell)),
@@ -365,7 +371,7 @@ fn stratified<'a>(
         )
     };
 
-    let mut counted: Vec<(Stratum, Counted)> = cells.map(of).collect();
+    let mut counted: Vec<(StratumKey, Counted)> = cells.map(of).collect();
     counted.sort_by_key(|(stratum, _)| *stratum);
     let strata = counted.chunk_by(|(a, _), (b, _)| a == b);
     strata

@@ -42,6 +42,7 @@ mod quotas;
 mod readiness;
 mod receipts;
 mod refits;
+mod regions;
 mod removal;
 mod rules;
 mod segments;

@@ -12,29 +12,34 @@ use crate::api::proto::{
 };
 use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
-use crate::domain::{Answers, ProfileQuestion, Question, View};
+use crate::domain::{Answers, Asked, ProfileQuestion, RegionAnswers, View};
 use crate::error::Problem;
 use crate::serve::costs::STATE_BYTES;
 use crate::work::aside;
 
 impl Face {
-    async fn answer(
+    /// Answers by states or by regions, in the response of that call.
+    async fn answer<T: From<Answers> + From<RegionAnswers>>(
         &self,
         environment: &str,
         draft: QuestionDraft,
-    ) -> Result<(Answers, View), Problem> {
+    ) -> Result<(T, View), Problem> {
         let environment = self.app.environments.find(environment)?;
         let asked = environment.clone();
-        let question = aside(draft.states.len() * STATE_BYTES, move || {
-            Question::new(&asked, &draft)
+        let asked = aside(draft.states.len() * STATE_BYTES, move || {
+            Asked::new(&asked, &draft)
         })
         .await??;
-        let view = question.view;
 
-        Ok((
-            self.app.influence.answer(&environment, question).await?,
-            view,
-        ))
+        let (view, influence) = (asked.view(), &self.app.influence);
+        let response = match asked {
+            Asked::States(question) => influence.answer(&environment, question).await?.into(),
+            Asked::Regions(question) => influence
+                .answer_regions(&environment, question)
+                .await?
+                .into(),
+        };
+        Ok((response, view))
     }
 }
 
@@ -47,8 +52,8 @@ impl InfluenceService for Face {
         let face = self.asked(&request);
         call("GetInfluence", async {
             let (environment, draft) = grpc::question(request.into_inner())?;
-            let (answers, view) = face.answer(&environment, draft).await?;
-            fitting(answers.into(), view)
+            let (answer, view) = face.answer(&environment, draft).await?;
+            fitting(answer, view)
         })
         .await
     }
@@ -60,9 +65,10 @@ impl InfluenceService for Face {
         let face = self.asked(&request);
         call("BatchGetInfluence", async {
             let (environment, draft) = grpc::batch_question(request.into_inner())?;
-            let (answers, view) = face.answer(&environment, draft).await?;
+            let (answers, view): (BatchGetInfluenceResponse, _) =
+                face.answer(&environment, draft).await?;
             aside(answers.answers.len() * STATE_BYTES, move || {
-                fitting(answers.into(), view)
+                fitting(answers, view)
             })
             .await?
         })

@@ -1,16 +1,17 @@
-//! Influence (mutual information) in one state or several.
+//! Influence (mutual information) in states, or over all states of a region.
 
 use axum::response::Response;
 
-use super::extract::{Asked, Json, Path, Plain, Query};
+use super::extract::{self, Json, Path, Plain, Query};
 use super::json_answer::json_answer;
 use super::parameters::{
-    FigureParameters, PairParameters, RuleParameters, SegmentParameters, StateParameters,
+    FigureParameters, PairParameters, RegionParameters, RuleParameters, SegmentParameters,
+    StateParameters,
 };
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::app::App;
-use crate::domain::Question;
+use crate::domain::Asked;
 use crate::domain::draft::QuestionDraft;
 use crate::serve::costs::STATE_BYTES;
 use crate::serve::status::Failure;
@@ -18,7 +19,12 @@ use crate::work::aside;
 
 type Answered = Result<Response, Failure>;
 
-/// Returns the answers for up to 10,000 states, in order.
+/// Returns the answers for up to 10,000 states, or for up to 1,000 regions, in order.
+///
+/// A region's states are asked about as one (pooled evidence): actions are compared within strata, and
+/// what each state has too few visits to tell, all of them together may. Where that takes longer than
+/// its caller waits, 503 tells how far it is; it goes on, so that whoever asks again finds it further
+/// on.
 ///
 /// A state that is not valid fails the call, and every fault is listed by pointer
 /// (`/states/17/distance`); a valid state that was never seen is an answer with 0 visits.
@@ -38,7 +44,7 @@ pub async fn batch_get_influence(
     answer(&app, &name, question.try_into()?).await
 }
 
-/// Returns the answer for one state, for a command line and for people.
+/// Returns the answer for one state, or for one region, for a command line and for people.
 #[utoipa::path(
     get,
     path = "/v1/environments/{environment}/influence",
@@ -49,12 +55,13 @@ pub async fn batch_get_influence(
         SegmentParameters,
         RuleParameters,
         StateParameters,
+        RegionParameters,
         FigureParameters,
     ),
     responses((status = 200, description = "The answer, as a list of one", body = json::Answers), Refusals)
 )]
 pub async fn get_influence(
-    Asked(app): Asked,
+    extract::Asked(app): extract::Asked,
     Path(name): Path<String>,
     Query(query): Query,
 ) -> Answered {
@@ -64,15 +71,21 @@ pub async fn get_influence(
 async fn answer(app: &App, name: &str, draft: QuestionDraft) -> Answered {
     let environment = app.environments.find(name)?;
     let asked = environment.clone();
-    let question = aside(draft.states.len() * STATE_BYTES, move || {
-        Question::new(&asked, &draft)
+    let asked = aside(draft.states.len() * STATE_BYTES, move || {
+        Asked::new(&asked, &draft)
     })
     .await??;
-    let view = question.view;
-    let answers = app.influence.answer(&environment, question).await?;
+    let (view, influence) = (asked.view(), &app.influence);
+    let response = match asked {
+        Asked::States(question) => influence.answer(&environment, question).await?.into(),
+        Asked::Regions(question) => {
+            let answers = influence.answer_regions(&environment, question);
+            proto::BatchGetInfluenceResponse::from(answers.await?)
+        }
+    };
 
-    json_answer(answers.answers.len() * STATE_BYTES, move || {
-        fitting(proto::BatchGetInfluenceResponse::from(answers), view).map(json::Answers::from)
+    json_answer(response.answers.len() * STATE_BYTES, move || {
+        fitting(response, view).map(json::Answers::from)
     })
     .await
 }

@@ -86,6 +86,20 @@ pub struct StateParameters {
     key: Option<String>,
 }
 
+/// One region, instead of a state.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct RegionParameters {
+    /// All states of a region, asked about as one: a parameter `region.NAME` a condition on a feature
+    /// of the state or a derived one, `1`, `onion,dish`, `1..2` or `#0,#1` for bins by number; or
+    /// `region={}` for all states. Instead of a state.
+    #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"region.distance": "1..2", "region.held": "onion,dish"}), required = false)]
+    region: Option<BTreeMap<String, String>>,
+    /// The grain of the region: features that are kept, repeated or joined by commas; all by default.
+    features: Option<Vec<String>>,
+}
+
 /// How much is wanted about a state.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]

@@ -301,7 +301,7 @@ pub struct Bin {
 }
 
 /// What one ego action was seen to do.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct ActionFigures {
     /// Its index.
     pub index: u64,
@@ -319,4 +319,21 @@ pub struct ActionFigures {
     pub response: Option<Vec<f64>>,
     /// Where each of these probabilities lies with a probability of 90 %; empty without evidence.
     pub response_intervals: Vec<Interval>,
+    /// The mean of `response` were actions independent within each stratum; of regions alone.
+    pub response_if_independent: Vec<f64>,
+    /// The mean of `plug_in_divergence` then; of regions alone.
+    pub expected_divergence: Option<f64>,
+}
+
+impl ActionFigures {
+    /// Returns the same with figures, which are in nats, in a unit.
+    pub fn in_unit(self, unit: Unit) -> Self {
+        let of = |nats: f64| unit.from_nats(nats);
+        Self {
+            divergence: self.divergence.map(|(mean, ends)| (of(mean), ends.map(of))),
+            plug_in_divergence: self.plug_in_divergence.map(of),
+            expected_divergence: self.expected_divergence.map(of),
+            ..self
+        }
+    }
 }

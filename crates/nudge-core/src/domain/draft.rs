@@ -280,6 +280,10 @@ pub enum StatesDraft {
     Named(Vec<NamedValues>),
     /// Keys, `3.0.7`.
     Keys(Vec<String>),
+    /// Regions, each of which is asked about as one.
+    Regions(Vec<RegionDraft>),
+    /// The same of one, whose faults are below `/region`.
+    Region(RegionDraft),
 }
 
 impl StatesDraft {
@@ -289,6 +293,8 @@ impl StatesDraft {
             Self::Positional(states) => states.len(),
             Self::Named(states) => states.len(),
             Self::Keys(keys) => keys.len(),
+            Self::Regions(regions) => regions.len(),
+            Self::Region(_) => 1,
         }
     }
 
@@ -330,8 +336,10 @@ pub struct PairDraft {
 pub struct QuestionDraft {
     /// Whose influence on whom, from which counts, by which rule.
     pub pair: PairDraft,
-    /// The states that are asked about.
+    /// The states, or the regions, that are asked about.
     pub states: StatesDraft,
+    /// The grain of regions: coordinates that are kept; all features if empty.
+    pub features: Vec<String>,
     /// Names of further estimators of mutual information.
     pub estimators: Vec<String>,
     /// `verdict`, `figures` or `full`.

@@ -60,6 +60,8 @@ mod question;
 mod rank;
 mod records;
 mod region;
+mod region_answer;
+mod region_question;
 mod rule;
 mod schema;
 mod secret;
@@ -113,6 +115,8 @@ pub use records::{
     Collecting, Digest, Entry, Record, Records, Rejection, Undecodable, Widths, Worded,
 };
 pub use region::{MOST_REGIONS, Region};
+pub use region_answer::{AtGrain, RegionAnswer, RegionAnswers, RegionFigures};
+pub use region_question::{Asked, RegionQuestion};
 pub use rule::{Rule, RuleKind, Threshold, Unit, WrittenRule};
 pub use schema::Schema;
 pub use secret::{KeyDigest, Secret};

@@ -151,21 +151,8 @@ impl Profile {
 impl ProfilePoint {
     /// Returns the same with figures, which are in nats, in a unit.
     pub fn in_unit(self, unit: Unit) -> Self {
-        let of = |nats: f64| unit.from_nats(nats);
-        let pooled = self.pooled;
         Self {
-            pooled: Pooled {
-                plug_in: of(pooled.plug_in),
-                expected_if_independent: of(pooled.expected_if_independent),
-                excess: of(pooled.excess),
-                excess_deviation: of(pooled.excess_deviation),
-                size: of(pooled.size),
-                size_interval: pooled.size_interval.map(|ends| ends.map(of)),
-                size_interval_new_segments: pooled
-                    .size_interval_new_segments
-                    .map(|ends| ends.map(of)),
-                ..pooled
-            },
+            pooled: self.pooled.in_unit(|nats| unit.from_nats(nats)),
             ..self
         }
     }

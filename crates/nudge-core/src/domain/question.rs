@@ -209,6 +209,10 @@ impl Question {
         };
         few(draft.significance.is_some(), MOST_TESTED, "/significance");
         few(draft.visits_to_decide, MOST_FORESEEN, "/visits_to_decide");
+        if !draft.features.is_empty() {
+            let detail = "got some for states, expected none: a grain is a region's";
+            faults.push(Fault::new("/features", detail));
+        }
 
         let significance = parse(draft.significance.as_deref(), "/significance", &mut faults);
         let (Some(scope), Some(states), true) = (scope, states, faults.is_empty()) else {
@@ -318,11 +322,11 @@ fn within_reach(
 }
 
 /// Returns the value, or `None` after adding its faults to the rest.
-fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
+pub(super) fn keep<T>(checked: Result<T, Vec<Fault>>, faults: &mut Vec<Fault>) -> Option<T> {
     checked.map_err(|more| faults.extend(more)).ok()
 }
 
-fn parse<T: FromStr<Err = String>>(
+pub(super) fn parse<T: FromStr<Err = String>>(
     text: Option<&str>,
     pointer: &str,
     faults: &mut Vec<Fault>,
@@ -359,7 +363,13 @@ fn states(schema: &Schema, draft: &StatesDraft) -> Result<Vec<StateKey>, Vec<Fau
                 .key_of_text(text)
                 .map_err(|detail| vec![Fault::new("", detail)])
         }),
+        StatesDraft::Regions(_) => Err(regions("/regions")),
+        StatesDraft::Region(_) => Err(regions("/region")),
     }
+}
+
+fn regions(pointer: &str) -> Vec<Fault> {
+    vec![Fault::new(pointer, "got regions, expected states or keys")]
 }
 
 fn each<T>(

@@ -20,6 +20,7 @@
 //! | [`bayes_factors`] | The same, where it was known beforehand what to expect? |
 //! | [`Prior::by_action`] | Which of the ego's actions does it, and what does the other then do? |
 //! | [`Prior::visits_to_decide`] | How much more must be seen until there is a verdict? |
+//! | [`RegionPosterior`] | And on the whole, over many states? |
 //! | [`Prior::information_gain`] | Which action tells most when it is tried next? |
 //!
 //! Dependence can be established and yet be too weak for `influences`; both are told.
@@ -78,6 +79,8 @@
 //!   pairs of actions, its bias-corrected plug-in widens the interval, and the posterior mean stays
 //!   within it: slabs that do not fit would be certain of something slightly wrong. Where it was
 //!   seen less, in large alphabets, what slabs say is doubted by up to a quarter.
+//! * **Regions** (`region`). Mean mutual information over many states: the region's own share of
+//!   dependent ones is learnt from theirs.
 //! * **Expectations** (`expected_response`). Where a network said beforehand what both agents do,
 //!   its responses stand in the place of the bases.
 //! * **More data** (`sample_size`). After how many more visits there will be a verdict.
@@ -114,6 +117,7 @@ mod posterior;
 mod predicted;
 mod prior;
 mod readings;
+mod region;
 mod sample_size;
 mod segments;
 mod side;
@@ -124,7 +128,10 @@ mod within;
 pub use base::Base;
 pub use by_action::ActionPosterior;
 pub use counted::{Counted, Ego};
-pub use decision::{Beliefs, Believed, basis, decide, dependence, is_explained, is_opened};
+pub use decision::{
+    Beliefs, Believed, basis, decide, decide_region, dependence, dependence_in_region,
+    is_explained, is_opened,
+};
 pub use expected_response::{ExpectedResponse, ExpectedState, bayes_factors};
 pub use fit::{Fit, Fitter};
 pub use habits::{Habits, Uses};
@@ -132,6 +139,7 @@ pub use likelihood::rows_evidence;
 pub use parameters::{Parameters, SideParameters};
 pub use posterior::{BySegment, Posterior};
 pub use prior::Prior;
+pub use region::{RegionPosterior, RegionState, RegionStates};
 
 /// The largest alphabet of either variable that posteriors are for: their tables hold every letter
 /// of the columns.

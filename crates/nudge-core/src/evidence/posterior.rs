@@ -175,9 +175,9 @@ impl Posterior {
         [low.min(high), high]
     }
 
-    /// Returns the mean and the standard deviation of mutual information, if there is dependence.
-    #[cfg(test)]
-    pub(super) fn moments_if_dependent(&self) -> [f64; 2] {
+    /// Returns the mean and the standard deviation of mutual information if there is dependence, in
+    /// nats.
+    pub fn moments_if_dependent(&self) -> [f64; 2] {
         let mean = self.mixed(|one| one.mean);
         let variance = self.mixed(|one| one.beta.variance() + (one.mean - mean).powi(2));
         [mean, variance.sqrt()].map(|figure| figure * self.largest)

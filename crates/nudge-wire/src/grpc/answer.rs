@@ -85,6 +85,7 @@ fn with_figures(base: proto::Answer, key: &StateKey, figures: Figures) -> proto:
             .collect(),
         posterior_mean: figures.evidence.map(|evidence| evidence.posterior_mean),
         interval: figures.evidence.map(|evidence| interval(evidence.interval)),
+        ..proto::MutualInformation::default()
     };
     let significance = figures.significance.map(|test| proto::Significance {
         p_value: test.p_value,
@@ -210,6 +211,8 @@ impl From<ActionFigures> for proto::ActionFigures {
                 .into_iter()
                 .map(interval)
                 .collect(),
+            response_if_independent: figures.response_if_independent,
+            expected_divergence: figures.expected_divergence,
         }
     }
 }

@@ -9,6 +9,7 @@ mod overview;
 mod profile;
 mod question;
 mod region;
+mod region_answer;
 
 pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 #[cfg(feature = "rest")]

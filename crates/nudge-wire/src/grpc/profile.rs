@@ -3,6 +3,7 @@
 use nudge_core::domain::draft::ProfileDraft;
 use nudge_core::domain::{Profile, ProfilePoint};
 use nudge_core::error::Problem;
+use nudge_core::information::pooled::Pooled;
 
 use super::question::scope;
 use crate::proto;
@@ -39,7 +40,6 @@ impl From<Profile> for proto::GetProfileResponse {
 impl From<ProfilePoint> for proto::ProfilePoint {
     fn from(point: ProfilePoint) -> Self {
         let ProfilePoint { lag, tally, pooled } = point;
-        let band = BAND * pooled.excess_deviation;
         Self {
             lag,
             directed: lag > 0,
@@ -51,7 +51,7 @@ impl From<ProfilePoint> for proto::ProfilePoint {
             plug_in: pooled.plug_in,
             expected_if_independent: pooled.expected_if_independent,
             excess: pooled.excess,
-            null: Some([-band, band].into()),
+            null: Some(null_band(&pooled)),
             p_value: pooled.p_value,
             p_value_same_pattern: pooled.same_pattern.map(|test| test.p_value),
             size: pooled.size,
@@ -60,6 +60,12 @@ impl From<ProfilePoint> for proto::ProfilePoint {
             share: pooled.share,
         }
     }
+}
+
+/// Encodes where an excess lies under independence.
+pub(super) fn null_band(pooled: &Pooled) -> proto::Range {
+    let band = BAND * pooled.excess_deviation;
+    [-band, band].into()
 }
 
 impl From<[f64; 2]> for proto::Range {

@@ -32,6 +32,7 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
     let states = match request.state {
         Some(State::Values(state)) => StatesDraft::Positional(vec![state.values]),
         Some(State::Key(key)) => StatesDraft::Keys(vec![key]),
+        Some(State::Region(region)) => StatesDraft::Region(region.into()),
         None => StatesDraft::default(),
     };
 
@@ -43,6 +44,7 @@ pub fn question(request: proto::GetInfluenceRequest) -> Result<(String, Question
         QuestionDraft {
             pair,
             states,
+            features: request.features,
             estimators,
             view,
             significance,
@@ -56,19 +58,7 @@ pub fn batch_question(
     request: proto::BatchGetInfluenceRequest,
 ) -> Result<(String, QuestionDraft), Problem> {
     let (environment, pair) = scope(request.scope)?;
-    let states = match (request.states, request.keys) {
-        (states, keys) if keys.is_empty() => {
-            StatesDraft::Positional(states.into_iter().map(|state| state.values).collect())
-        }
-        (states, keys) if states.is_empty() => StatesDraft::Keys(keys),
-        _ => {
-            return Err(Problem::invalid(
-                "question",
-                vec![Fault::new("/keys", "got states too, expected one of them")],
-            ));
-        }
-    };
-
+    let states = states(request.states, request.keys, request.regions)?;
     let (view, significance) = (view(request.view)?, permutations(request.significance)?);
     let (estimators, visits_to_decide) = (request.estimators, request.visits_to_decide);
 
@@ -77,12 +67,38 @@ pub fn batch_question(
         QuestionDraft {
             pair,
             states,
+            features: request.features,
             estimators,
             view,
             significance,
             visits_to_decide,
         },
     ))
+}
+
+/// Decodes what a question is about, of which one list alone may be given.
+fn states(
+    states: Vec<proto::StateValues>,
+    keys: Vec<String>,
+    regions: Vec<proto::Region>,
+) -> Result<StatesDraft, Problem> {
+    match (states.is_empty(), keys.is_empty(), regions.is_empty()) {
+        (_, true, true) => Ok(StatesDraft::Positional(
+            states.into_iter().map(|state| state.values).collect(),
+        )),
+        (true, false, true) => Ok(StatesDraft::Keys(keys)),
+        (true, true, false) => Ok(StatesDraft::Regions(
+            regions.into_iter().map(Into::into).collect(),
+        )),
+        (_, false, true) => Err(another("/keys", "states")),
+        (false, ..) => Err(another("/regions", "states")),
+        (true, ..) => Err(another("/regions", "keys")),
+    }
+}
+
+fn another(pointer: &str, given: &str) -> Problem {
+    let detail = format!("got {given} too, expected one of them");
+    Problem::invalid("question", vec![Fault::new(pointer, detail)])
 }
 
 /// Decodes a question for a page of states.

@@ -6,7 +6,10 @@ use serde::Serialize;
 use utoipa::ToSchema;
 
 use super::evidence::{dependence, interval};
-use super::{Fit, Labels, ModelFigures, Probability, Segmentation, Significance, State, words};
+use super::profile::ends;
+use super::{
+    Fit, Labels, ModelFigures, Probability, Region, Segmentation, Significance, State, words,
+};
 use crate::{present, proto};
 
 /// The answers to one question, with what indices in them stand for.
@@ -16,18 +19,28 @@ pub struct Answers {
     pub labels: Labels,
     /// How many steps later the other is observed; 0 for the same tick.
     pub lag: u32,
-    /// One a state, in the order asked.
+    /// One a state, or a region, in the order asked.
     pub answers: Vec<Answer>,
 }
 
-/// The answer for one state. Fields from `unit` on are absent in the view `verdict`.
+/// The answer for one state, or for all states of one region together: then there is no `state`.
+/// Fields from `unit` on are absent in the view `verdict`.
 ///
 /// Every information figure is in `unit`. At lag 0 it states dependence given the state; that it
 /// runs from ego to other is the caller's assumption.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct Answer {
-    /// The state.
-    pub state: State,
+    /// The state; absent for a region.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub state: Option<State>,
+    /// The region in its canonical form, where one was asked about.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Object>)]
+    pub region: Option<Region>,
+    /// The same in words.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = "distance 1 to 2, held onion or dish")]
+    pub region_in_words: Option<String>,
     /// How often it was seen, in the segments asked for.
     pub visits: u64,
     /// How often it was entered; absent unless every transition carried the flag.
@@ -61,15 +74,32 @@ pub struct Answer {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(value_type = Option<words::Independence>)]
     pub independence: Option<String>,
+    /// What the figures of a region are stratified by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub strata: Option<Strata>,
+    /// Of a region: how probable at least as large an excess is under independence within the strata.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub p_value: Option<f64>,
+    /// The same of a test that looks for one pattern shared by all strata; absent where none could be
+    /// seen. Where actions are held, or some are rare, it finds too much.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub p_value_same_pattern: Option<f64>,
     /// Whether there is any dependence at all, however weak: `established`, `excluded` or `open`;
     /// absent where the alphabets are too large for evidence, as are `probability` and the
     /// posterior mean.
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = "open", value_type = Option<words::Dependence>)]
     pub dependence: Option<&'static str>,
-    /// Probabilities given the counts.
+    /// Probabilities given the counts. Of a region, `dependent` is `dependent_share` and
+    /// `above_threshold` that of mean mutual information.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub probability: Option<Probability>,
+    /// Of a region: the expected share of visits in dependent states, given the counts.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub dependent_share: Option<f64>,
     /// The segments that the counts come from.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub segmentation: Option<Segmentation>,
@@ -87,7 +117,10 @@ pub struct Answer {
     /// One an ego action, in index order; view `full` only.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub by_action: Option<Vec<ActionFigures>>,
-    /// What the active network says of this state; null where none is active.
+    /// The features that were left out by `features` of the question.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub left_out: Vec<String>,
+    /// What the active network says of this state; null where none is active, absent for a region.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub model: Option<Option<ModelFigures>>,
     /// How many steps later the other is observed; 0 for the same tick.
@@ -165,6 +198,85 @@ pub struct MutualInformation {
     pub interval: Option<[f64; 2]>,
     /// Further estimators that were asked for, by name; these may be negative.
     pub estimates: BTreeMap<String, f64>,
+    /// What follows is told of regions alone. Plug-in less its mean under independence. It may be
+    /// negative, and is no measure of strength.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub excess: Option<f64>,
+    /// Where it lies with a probability of about 95 % under independence: lower and upper end.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub null: Option<[f64; 2]>,
+    /// Half of Pearson's phi-squared behind the counts, which is the mutual information where that is
+    /// weak; may be negative.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<f64>,
+    /// Where it lies on these segments, with a probability of 95 %.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_interval: Option<[f64; 2]>,
+    /// Where it lies on new segments like these, with a probability of 95 %; absent below three
+    /// segments.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_interval_new_segments: Option<[f64; 2]>,
+    /// The share of draws that `size` stands on: below .5 it is a lower bound, above .8 it is
+    /// somewhat too large.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub share: Option<f64>,
+    /// Where `features` of the question left some out: the figures with nothing left out, stratified
+    /// by these too. Where only the merged ones are large, the cause is in what was left out. Verdict,
+    /// probabilities and posterior mean are of these.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub stratified: Option<Stratified>,
+}
+
+/// What the figures of a region are stratified by: state, actions held fixed, and segment unless
+/// `within` is `pooled`. Actions are compared within strata alone.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+pub struct Strata {
+    /// States with draws; where `features` were named, coarse ones.
+    pub states: u64,
+    /// Strata with draws.
+    pub strata: u64,
+    /// Draws: entries where every transition carried the flag, else visits.
+    pub draws: u64,
+    /// The draws that the size stands on.
+    #[schema(minimum = 0)]
+    pub effective_visits: f64,
+}
+
+/// What strata show together.
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
+pub struct Stratified {
+    /// What they are.
+    pub strata: Strata,
+    /// Plug-in mutual information within the strata: their mean by draws.
+    #[schema(minimum = 0)]
+    pub plug_in: f64,
+    /// Its mean under independence within them, exact.
+    pub expected_if_independent: f64,
+    /// `plug_in` less that.
+    pub excess: f64,
+    /// Where it lies with a probability of about 95 % under independence: lower and upper end.
+    pub null: [f64; 2],
+    /// How probable at least as large an excess is under independence.
+    #[schema(minimum = 0, maximum = 1)]
+    pub p_value: f64,
+    /// The same of a test that looks for one pattern shared by all strata; absent where none could be
+    /// seen.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub p_value_same_pattern: Option<f64>,
+    /// Half of Pearson's phi-squared behind the counts; may be negative.
+    pub size: f64,
+    /// Where it lies on these segments, with a probability of 95 %.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_interval: Option<[f64; 2]>,
+    /// Where it lies on new segments like these, with a probability of 95 %; absent below three
+    /// segments.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size_interval_new_segments: Option<[f64; 2]>,
+    /// The share of draws that `size` stands on.
+    #[schema(minimum = 0, maximum = 1)]
+    pub share: f64,
 }
 
 /// What one ego action was seen to do.
@@ -174,7 +286,7 @@ pub struct ActionFigures {
     pub action: String,
     /// Its index.
     pub index: u64,
-    /// How often it was seen in this state.
+    /// How often it was seen in this state, or in the region: its draws.
     pub visits: u64,
     /// KL(p(other given this action) from p(other)), its mean given the counts, in the answer's
     /// unit: rank actions by it.
@@ -191,6 +303,13 @@ pub struct ActionFigures {
     /// Where each of these probabilities lies with a probability of 90 %.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub response_intervals: Vec<[f64; 2]>,
+    /// Of a region, where `response` is the relative frequencies over all strata: their mean under
+    /// independence within each. `plug_in_divergence` is that of the two then.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub response_if_independent: Vec<f64>,
+    /// Of a region: the mean of `plug_in_divergence` under independence, to the second order.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub expected_divergence: Option<f64>,
 }
 
 /// Returns the word for a verdict.
@@ -245,13 +364,13 @@ impl From<proto::Answer> for Answer {
         let by_action: Vec<ActionFigures> = answer.by_action.into_iter().map(Into::into).collect();
         // In the view `verdict` nothing is said of a network; otherwise it is said that there is
         // none.
-        let model = answer
-            .mutual_information
-            .is_some()
+        let model = (answer.mutual_information.is_some() && answer.region.is_none())
             .then(|| answer.model.map(Into::into));
 
         Self {
-            state: answer.state.map(Into::into).unwrap_or_default(),
+            state: answer.state.map(Into::into),
+            region: answer.region.map(|region| Region(region.into())),
+            region_in_words: present(answer.region_in_words),
             visits: answer.visits,
             entries: answer.entries,
             verdict: verdict(answer.verdict),
@@ -264,6 +383,11 @@ impl From<proto::Answer> for Answer {
             // An agent has an action at least, so that nothing means "not asked for".
             by_action: Some(by_action).filter(|figures| !figures.is_empty()),
             independence: present(answer.independence),
+            strata: answer.strata.map(Into::into),
+            p_value: answer.p_value,
+            p_value_same_pattern: answer.p_value_same_pattern,
+            dependent_share: answer.dependent_share,
+            left_out: answer.left_out,
             dependence: dependence(answer.dependence),
             probability: answer.probability.map(Into::into),
             segmentation: answer.segmentation.map(Into::into),
@@ -289,6 +413,42 @@ impl From<proto::MutualInformation> for MutualInformation {
             estimates: figures.estimates.into_iter().collect(),
             posterior_mean: figures.posterior_mean,
             interval: figures.interval.map(interval),
+            excess: figures.excess,
+            null: figures.null.map(ends),
+            size: figures.size,
+            size_interval: figures.size_interval.map(ends),
+            size_interval_new_segments: figures.size_interval_new_segments.map(ends),
+            share: figures.share,
+            stratified: figures.stratified.map(Into::into),
+        }
+    }
+}
+
+impl From<proto::Strata> for Strata {
+    fn from(strata: proto::Strata) -> Self {
+        Self {
+            states: strata.states,
+            strata: strata.strata,
+            draws: strata.draws,
+            effective_visits: strata.effective_visits,
+        }
+    }
+}
+
+impl From<proto::Stratified> for Stratified {
+    fn from(figures: proto::Stratified) -> Self {
+        Self {
+            strata: figures.strata.unwrap_or_default().into(),
+            plug_in: figures.plug_in,
+            expected_if_independent: figures.expected_if_independent,
+            excess: figures.excess,
+            null: ends(figures.null.unwrap_or_default()),
+            p_value: figures.p_value,
+            p_value_same_pattern: figures.p_value_same_pattern,
+            size: figures.size,
+            size_interval: figures.size_interval.map(ends),
+            size_interval_new_segments: figures.size_interval_new_segments.map(ends),
+            share: figures.share,
         }
     }
 }
@@ -308,6 +468,8 @@ impl From<proto::ActionFigures> for ActionFigures {
                 .into_iter()
                 .map(interval)
                 .collect(),
+            response_if_independent: figures.response_if_independent,
+            expected_divergence: figures.expected_divergence,
         }
     }
 }
@@ -356,6 +518,7 @@ mod tests {
                     lower: 0.0,
                     upper: 0.4,
                 }),
+                ..proto::MutualInformation::default()
             }),
             independence: "entries".into(),
             dependence: proto::Dependence::Open.into(),

@@ -29,7 +29,9 @@ mod transitions;
 mod whole;
 mod words;
 
-pub use answer::{ActionFigures, Answer, Answers, Basis, MutualInformation, verdict};
+pub use answer::{
+    ActionFigures, Answer, Answers, Basis, MutualInformation, Strata, Stratified, verdict,
+};
 pub use card::{Calibration, Card, Reliability, Score, Training, model_kind, weighting};
 pub use decode::decode;
 pub use description::{

@@ -68,7 +68,7 @@ impl Parameters {
         }
     }
 
-    fn take(&mut self, name: &str) -> Vec<String> {
+    pub(super) fn take(&mut self, name: &str) -> Vec<String> {
         self.known.push(name.to_owned());
         self.left
             .extract_if(.., |(found, _)| found == name)

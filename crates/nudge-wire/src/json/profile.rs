@@ -160,9 +160,13 @@ impl From<proto::GetProfileResponse> for Profile {
     }
 }
 
+/// Decodes the two ends of a range.
+pub(super) fn ends(range: proto::Range) -> [f64; 2] {
+    [range.lower, range.upper]
+}
+
 impl From<proto::ProfilePoint> for ProfilePoint {
     fn from(point: proto::ProfilePoint) -> Self {
-        let ends = |range: proto::Range| [range.lower, range.upper];
         Self {
             lag: point.lag,
             directed: point.directed,

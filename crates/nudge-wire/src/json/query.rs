@@ -61,6 +61,26 @@ impl Parameters {
         })
     }
 
+    fn state_or_region(&mut self) -> StatesDraft {
+        let everywhere = self.take("region");
+        if let Some(wrong) = everywhere
+            .iter()
+            .find(|text| !matches!(&text[..], "" | "{}"))
+        {
+            let detail = format!("got {wrong:?}, expected {{}}; a condition is region.NAME=VALUES");
+            self.fault("region", detail);
+        }
+        let region = self.region();
+        let states = self.state_or_key();
+        if everywhere.is_empty() && region == RegionDraft::default() {
+            return states;
+        }
+        if !states.is_empty() {
+            self.fault("region", "got a state too, expected one of them");
+        }
+        StatesDraft::Region(region)
+    }
+
     fn state_or_key(&mut self) -> StatesDraft {
         let named = self.under("state.");
         let keys: Vec<String> = self.text("key").into_iter().collect();
@@ -75,11 +95,13 @@ impl Parameters {
     }
 }
 
-/// Reads a question about one state.
+/// Reads a question about one state, or about one region by a parameter `region.NAME` a condition or
+/// `region={}` for all states.
 pub fn question_of_query(mut query: Parameters) -> Result<QuestionDraft, Problem> {
     let draft = QuestionDraft {
         pair: query.pair(),
-        states: query.state_or_key(),
+        states: query.state_or_region(),
+        features: query.list("features"),
         estimators: query.list("estimators"),
         view: query.text("view"),
         significance: query.text("significance"),

@@ -11,13 +11,14 @@ use utoipa::ToSchema;
 use super::decode::or_default;
 use super::loose::Loose;
 use super::whole::perhaps_whole;
-use super::{FeatureValue, Rule, words};
+use super::{FeatureValue, Region, Rule, words};
 
-/// A question about influence in up to 10,000 states: `states` or `keys`, not both.
+/// A question about influence in up to 10,000 states, `states` or `keys`, or in up to 1,000 regions:
+/// one of the lists.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, ToSchema)]
 #[serde(
     deny_unknown_fields,
-    expecting = "an object of states or keys, ego, other and more"
+    expecting = "an object of states, keys or regions, ego, other and more"
 )]
 pub struct Question {
     /// The agent whose influence is asked about; absent for the first.
@@ -72,6 +73,19 @@ pub struct Question {
     /// States by key.
     #[schema(min_items = 1, max_items = 10_000)]
     pub keys: Option<Vec<String>>,
+    /// Regions, each of which is asked about as one: what some features of their states, or derived
+    /// ones, may be.
+    #[schema(value_type = Option<Vec<Object>>, example = json!([{"held": ["onion", "dish"], "distance": {"from": 1, "below": 3}}]), min_items = 1, max_items = 1_000)]
+    pub regions: Option<Vec<Region>>,
+    /// The same of one region; `{}` is all states.
+    #[schema(value_type = Option<Object>, example = json!({"distance": {"from": 1, "below": 3}}))]
+    pub region: Option<Region>,
+    /// The grain of regions: features of their states, or derived ones, that are kept; all features if
+    /// empty. States that agree in these are taken for one, and the figures with nothing left out
+    /// stand beside.
+    #[serde(default, deserialize_with = "or_default")]
+    #[schema(nullable, example = json!(["dx", "dy"]))]
+    pub features: Vec<String>,
 }
 
 /// A state by the names of its features.
@@ -92,10 +106,16 @@ impl TryFrom<Question> for QuestionDraft {
             rule: question.rule.map(Into::into).unwrap_or_default(),
             unit: question.unit,
         };
-        let states = states(question.states, question.keys)?;
+        let states = states(
+            question.states,
+            question.keys,
+            question.regions,
+            question.region,
+        )?;
         Ok(Self {
             pair,
             states,
+            features: question.features,
             estimators: question.estimators,
             view: question.view,
             significance: question.significance,
@@ -104,21 +124,36 @@ impl TryFrom<Question> for QuestionDraft {
     }
 }
 
+/// Returns what a question is about, of which one list alone may be given.
 fn states(
     states: Option<Vec<NamedState>>,
     keys: Option<Vec<String>>,
+    regions: Option<Vec<Region>>,
+    region: Option<Region>,
 ) -> Result<StatesDraft, Problem> {
-    match (states, keys) {
-        (Some(_), Some(_)) => Err(Problem::invalid(
+    let states = states.map(|states| {
+        let states = states.into_iter().map(|NamedState(values)| values);
+        ("states", StatesDraft::Named(states.collect()))
+    });
+    let keys = keys.map(|keys| ("keys", StatesDraft::Keys(keys)));
+    let regions = regions.map(|regions| {
+        let regions = regions.into_iter().map(|Region(draft)| draft);
+        ("regions", StatesDraft::Regions(regions.collect()))
+    });
+    let region = region.map(|Region(draft)| ("region", StatesDraft::Region(draft)));
+
+    let mut given = [states, keys, regions, region].into_iter().flatten();
+    match (given.next(), given.next()) {
+        (Some((first, _)), Some((second, _))) => Err(Problem::invalid(
             "question",
-            vec![Fault::new("/keys", "got states too, expected one of them")],
+            vec![Fault::new(
+                format!("/{second}"),
+                format!("got {first} too, expected one of them"),
+            )],
         )),
-        (Some(states), None) => Ok(StatesDraft::Named(
-            states.into_iter().map(|state| state.0).collect(),
-        )),
-        (None, Some(keys)) => Ok(StatesDraft::Keys(keys)),
+        (Some((_, draft)), None) => Ok(draft),
         // The domain says how many states are expected.
-        (None, None) => Ok(StatesDraft::default()),
+        (None, _) => Ok(StatesDraft::default()),
     }
 }
 
@@ -184,6 +219,7 @@ mod tests {
         let expected = QuestionDraft {
             pair,
             states: StatesDraft::Named(vec![named]),
+            features: Vec::new(),
             estimators: vec!["excess".into()],
             view: Some("full".into()),
             significance: Some("pooled".into()),

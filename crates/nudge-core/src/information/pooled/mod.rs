@@ -26,6 +26,7 @@
 mod clusters;
 mod haldane;
 mod memo;
+mod responses;
 mod same_pattern;
 mod size;
 mod stratum;
@@ -41,6 +42,7 @@ use size::Sizes;
 use tail::Kept;
 
 pub use memo::MomentsMemo;
+pub use responses::{Response, Responses};
 pub use same_pattern::SamePattern;
 pub use stratum::Stratum;
 pub use tail::{TailMethod, gamma_tail};
@@ -89,6 +91,23 @@ pub struct Pooled {
     pub size_interval: Option<[f64; 2]>,
     /// Where it lies on new segments like these: 95 %, in nats. `None` too below three segments.
     pub size_interval_new_segments: Option<[f64; 2]>,
+}
+
+impl Pooled {
+    /// Returns the same with every figure that is in nats put through a function, as for another
+    /// unit.
+    pub fn in_unit(self, of: impl Fn(f64) -> f64) -> Self {
+        Self {
+            plug_in: of(self.plug_in),
+            expected_if_independent: of(self.expected_if_independent),
+            excess: of(self.excess),
+            excess_deviation: of(self.excess_deviation),
+            size: of(self.size),
+            size_interval: self.size_interval.map(|ends| ends.map(&of)),
+            size_interval_new_segments: self.size_interval_new_segments.map(|ends| ends.map(&of)),
+            ..self
+        }
+    }
 }
 
 /// Strata that are being added up.
