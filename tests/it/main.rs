@@ -43,6 +43,7 @@ mod readiness;
 mod receipts;
 mod refits;
 mod regions;
+mod regions;
 mod removal;
 mod rules;
 mod segments;

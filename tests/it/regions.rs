@@ -154,7 +154,7 @@ async fn faces_tell_the_same_of_a_region() {
     assert!(told.contains("region: place 0 to 1"), "{told}");
     let more = ["--region", "place=2", "place=3", "--region"];
     let (code, _, stderr) = run(&app, &[&asked[..], &more].concat()).await;
-    assert!(code == 2 && stderr.contains("/regions/1/place"), "{stderr}");
+    assert!(code != 0 && stderr.contains("/regions/1/place"), "{stderr}");
     let more = ["--region", "place=2", "--region"];
     let (code, told, stderr) = run(&app, &[&asked[..], &more].concat()).await;
     assert_eq!(code, 0, "{stderr}");
