@@ -13,7 +13,7 @@ use crate::experiments::lag_profile::{Curve, plot};
 #[derive(Debug, Clone, Default, Args)]
 pub(super) struct ProfileArguments {
     /// Say what all states say together, at one lag after the other
-    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "features", "estimators", "significance", "visits_to_decide", "view", "rule_kind", "rule_threshold", "rule_share", "rule_unit", "rule_min_visits", "rule_confidence"])]
+    #[arg(long, conflicts_with_all = ["state", "key", "lag", "graph", "features", "policy", "policy_segments", "estimators", "significance", "visits_to_decide", "view", "rule_kind", "rule_threshold", "rule_share", "rule_unit", "rule_min_visits", "rule_confidence"])]
     pub(super) profile: bool,
     /// The lags of the profile; 0 and all that are declared unless given
     #[arg(long, num_args = 1.., value_delimiter = ',', allow_negative_numbers = true, value_name = "STEPS", requires = "profile")]

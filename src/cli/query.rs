@@ -73,6 +73,13 @@ pub(super) struct Query {
     /// What is compared within each segment alone; auto unless given
     #[arg(long, value_enum)]
     within: Option<Within>,
+    /// Whose habits weigh the ego's actions: observed, or uniform for every action in use alike;
+    /// observed unless given
+    #[arg(long, value_name = "POLICY", conflicts_with = "policy_segments")]
+    policy: Option<String>,
+    /// Segments whose habits weigh the ego's actions; responses are by all visits
+    #[arg(long, num_args = 1.., value_name = "SEGMENT")]
+    policy_segments: Vec<String>,
     /// Further estimators of mutual information, such as nsb, dirichlet or uniform_policy
     #[arg(long, num_args = 1.., value_delimiter = ',', value_name = "NAME")]
     estimators: Vec<String>,
@@ -89,7 +96,7 @@ pub(super) struct Query {
     #[arg(long, value_enum)]
     view: Option<View>,
     /// Draw the causal graph of one state: what every pair of agents is, beside all others
-    #[arg(long, conflicts_with_all = ["ego", "other", "given", "region", "estimators", "significance", "visits_to_decide", "view"])]
+    #[arg(long, conflicts_with_all = ["ego", "other", "given", "region", "policy", "policy_segments", "estimators", "significance", "visits_to_decide", "view"])]
     graph: bool,
     #[command(flatten)]
     profile: ProfileArguments,
@@ -301,7 +308,21 @@ impl Query {
                 .map_or(proto::Within::Unspecified, Into::into)
                 .into(),
             lag: self.lag,
+            policy: self.policy(),
         }
+    }
+
+    fn policy(&self) -> Option<proto::Policy> {
+        use proto::policy::Habits;
+        let segments = (!self.policy_segments.is_empty()).then(|| {
+            Habits::Segments(proto::PolicySegments {
+                segments: self.policy_segments.clone(),
+            })
+        });
+        let habits = self.policy.clone().map(Habits::Named).or(segments)?;
+        Some(proto::Policy {
+            habits: Some(habits),
+        })
     }
 
     fn view(&self, asked: usize) -> proto::View {

@@ -162,7 +162,7 @@ impl AnswerContext {
     ) -> Answer {
         let (of, segments) = (&assessor.scope.pair, self.query.segments.as_deref());
         let cells = || state.counts.of_pair(assessor.schema, of, segments);
-        let assessment = assessor.assess(key, cells(), predicted);
+        let assessment = assessor.assess(key, &state.counts, predicted);
 
         // Both for those figures that need the tables themselves: most that are asked for do not.
         let tables = LazyCell::new(|| assessor.tables(cells()));

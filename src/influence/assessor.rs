@@ -2,11 +2,11 @@
 //! verdict. Where the counts do not decide, a network's prediction may.
 
 use crate::domain::{
-    Basis, Cell, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope, Segmentation,
-    StateKey, Tally, Verdict, View,
+    Basis, Cell, Counts, Dependence, Evidence, Policy, Probability, Rule, RuleKind, Schema, Scope,
+    SegmentId, Segmentation, StateKey, Tally, Verdict, View,
 };
 use crate::evidence::{self, Believed, RegionState};
-use crate::information::{ExpectedMethod, plug_in};
+use crate::information::{self, ExpectedMethod, plug_in};
 use crate::model::{Network, Prediction};
 use crate::priors::{
     self, EvidenceInputs, Informed, Observations, PassEvidence, StateEvidence, Tables,
@@ -18,6 +18,10 @@ use crate::priors::{
 pub struct Assessor<'a> {
     pub schema: &'a Schema,
     pub scope: &'a Scope,
+    /// The segments to count; all if `None`.
+    pub segments: Option<&'a [SegmentId]>,
+    /// Those whose habits weigh the ego's actions, where the policy names some.
+    pub policy: &'a [SegmentId],
     pub informed: Option<&'a Informed>,
     /// Who is asked where the counts do not decide.
     pub network: Option<&'a Network>,
@@ -80,25 +84,26 @@ impl Assessor<'_> {
         predictions.into_iter().map(Some).collect()
     }
 
-    /// Assesses a state by its cells, and where they do not decide, by what the network says of it.
-    pub fn assess<'c>(
+    /// Assesses a state by its counts, and where they do not decide, by what the network says of it.
+    pub fn assess(
         &self,
         key: &StateKey,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
+        counts: &Counts,
         predicted: Option<Prediction>,
     ) -> Assessment {
         let rule = &self.scope.rule;
-        let tally = Tally::sum(cells.clone());
+        let cells = || counts.of_pair(self.schema, &self.scope.pair, self.segments);
+        let tally = Tally::sum(cells());
 
         // What the network says is held against the evidence, whatever the rule and the view.
         let is_wanted =
             self.view != View::Verdict || rule.kind == RuleKind::Evidence || self.network.is_some();
         let wanted = self.informed.filter(|_| is_wanted);
-        let found = wanted.map(|informed| self.remembered(informed, key, tally, cells.clone()));
+        let found = wanted.map(|informed| self.remembered(informed, key, tally, counts));
         let (segments, plug_in, expected) = match &found {
             Some(found) => (found.segments, found.plug_in, Some(found.expected)),
             None => {
-                let tables = self.tables(cells);
+                let tables = self.tables(cells());
                 let expected =
                     (self.view != View::Verdict).then(|| tables.expected_if_independent());
                 (tables.segments, tables.figure(plug_in), expected)
@@ -212,17 +217,20 @@ impl Assessor<'_> {
         Tables::within(self.schema, &self.scope.pair, self.scope.within, cells)
     }
 
-    fn remembered<'c>(
+    fn remembered(
         &self,
         informed: &Informed,
         key: &StateKey,
         tally: Tally,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
+        counts: &Counts,
     ) -> StateEvidence {
-        let find = || self.weigh(informed, cells.clone());
+        let find = || self.weigh(informed, counts);
         match self.memory {
             Memory::Nothing => find(),
-            Memory::Counts(memory) => memory.get_or_find(cells.clone(), find),
+            Memory::Counts(memory) => {
+                let cells = counts.of_pair(self.schema, &self.scope.pair, self.segments);
+                memory.get_or_find(cells, find)
+            }
             Memory::States => {
                 let inputs = EvidenceInputs {
                     tally,
@@ -236,23 +244,79 @@ impl Assessor<'_> {
         }
     }
 
-    /// Returns what the cells of a state support and show, in nats.
-    fn weigh<'c>(
-        &self,
-        informed: &Informed,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
-    ) -> StateEvidence {
+    /// Returns what the counts of a state support and show, in nats.
+    fn weigh(&self, informed: &Informed, counts: &Counts) -> StateEvidence {
         let Scope { pair, within, .. } = self.scope;
-        let tables = self.tables(cells.clone());
-        let observations = tables.observations(self.schema, pair, *within, cells);
+        let cells = || counts.of_pair(self.schema, pair, self.segments);
+        let tables = self.tables(cells());
+        let observations = tables.observations(self.schema, pair, *within, cells());
         let (evidence, believed) = self.weigh_evidence(informed, &observations);
 
-        StateEvidence {
+        let seen = StateEvidence {
             segments: tables.segments,
             plug_in: tables.figure(plug_in),
             expected: tables.expected_if_independent(),
             evidence,
             believed,
+        };
+        match self.scope.policy.is_observed() {
+            true => seen,
+            false => self.under_policy(informed, counts, &tables, &observations, seen),
+        }
+    }
+
+    /// Returns what the counts of a state support and show under the question's policy, which was not
+    /// seen, beside what they do under the one that was.
+    fn under_policy(
+        &self,
+        informed: &Informed,
+        counts: &Counts,
+        tables: &Tables,
+        observations: &Observations<'_>,
+        seen: StateEvidence,
+    ) -> StateEvidence {
+        /// Of permutations: what they show depends on nothing else.
+        const SEED: u64 = 1;
+        let Scope { pair, rule, .. } = self.scope;
+        let (prior, ego, threshold) = (&informed.prior, priors::ego(pair), rule.threshold_nats());
+
+        let done = Tables::of_ego(
+            self.schema,
+            pair,
+            counts.of_pair(self.schema, pair, Some(self.policy)),
+        );
+        let is_uniform = self.scope.policy == Policy::Uniform;
+        let policy = match is_uniform {
+            true => prior.uniform_policy(&informed.habits, ego),
+            false => prior.policy_seen(&informed.habits, ego, &done),
+        };
+        let counted = observations.counted();
+        let posterior = prior.under_policy(&informed.habits, counted, ego, &policy);
+
+        let actions = pair.alphabet(self.schema).rows;
+        let weights = match is_uniform {
+            true => information::policy::Policy::Uniform { actions },
+            false => information::policy::Policy::Habits(&done),
+        };
+        let [plug_in, expected] = tables.under_policy(weights, SEED);
+        let believed = Believed {
+            now: posterior.beliefs(threshold),
+            ..seen.believed
+        };
+        StateEvidence {
+            plug_in,
+            expected: (expected, ExpectedMethod::Permutation),
+            evidence: Evidence {
+                probability: Probability {
+                    dependent: believed.now.dependent,
+                    above_threshold: believed.now.above,
+                },
+                posterior_mean: posterior.mean(),
+                interval: posterior.interval(),
+                ..seen.evidence
+            },
+            believed,
+            ..seen
         }
     }
 

@@ -6,8 +6,10 @@ use std::sync::Arc;
 use super::Influence;
 use super::query_context::QueryContext;
 use super::store_errors::logged;
-use crate::domain::{Environment, Label, Scope, SegmentId, hint};
+use crate::domain::{Environment, Label, Policy, Scope, SegmentId, hint};
 use crate::error::{Fault, Problem};
+use crate::evidence;
+use crate::information::Alphabet;
 
 impl Influence {
     /// Finds out what questions of that scope rest on: the numbers of their segments and the fit.
@@ -19,6 +21,7 @@ impl Influence {
         let segments = self
             .segments(environment, scope.segments.as_deref())
             .await?;
+        let policy = self.policy(environment, &scope).await?;
         let informed = self
             .fits
             .informed(environment, &scope.pair)
@@ -31,14 +34,54 @@ impl Influence {
             environment: environment.clone(),
             scope,
             segments,
+            policy,
             informed,
             network,
         })
     }
 
+    /// Returns the numbers of the segments whose habits weigh the ego's actions; none where the policy
+    /// names none.
+    async fn policy(
+        &self,
+        environment: &Environment,
+        scope: &Scope,
+    ) -> Result<Vec<SegmentId>, Problem> {
+        let Alphabet { rows, columns } = scope.pair.alphabet(&environment.schema);
+        if !scope.policy.is_observed() && rows * columns > evidence::MOST_CELLS {
+            let detail = format!(
+                "expected none for agents with {rows} x {columns} actions: a policy that was not \
+                 seen weighs at most {} pairs",
+                evidence::MOST_CELLS
+            );
+            return Err(Problem::invalid(
+                "question",
+                vec![Fault::new("/policy", detail)],
+            ));
+        }
+        let named = match &scope.policy {
+            Policy::Segments(named) => Some(named.as_slice()),
+            Policy::Observed | Policy::Uniform => None,
+        };
+        let at = "/policy/segments";
+        Ok(self
+            .segments_at(at, environment, named)
+            .await?
+            .unwrap_or_default())
+    }
+
     /// Returns the numbers of the segments named, or every unknown one as a fault.
     pub(super) async fn segments(
         &self,
+        environment: &Environment,
+        named: Option<&[Label]>,
+    ) -> Result<Option<Vec<SegmentId>>, Problem> {
+        self.segments_at("/segments", environment, named).await
+    }
+
+    async fn segments_at(
+        &self,
+        pointer: &str,
         environment: &Environment,
         named: Option<&[Label]>,
     ) -> Result<Option<Vec<SegmentId>>, Problem> {
@@ -59,7 +102,7 @@ impl Influence {
                         .filter_map(|(_, label)| Some(label.as_ref()?.as_str()));
                     let hint = hint(label.as_str(), known);
                     faults.push(Fault::new(
-                        "/segments",
+                        pointer,
                         format!("unknown segment {:?}{hint}", label.as_str()),
                     ));
                 }

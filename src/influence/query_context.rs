@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::assessor::{Assessor, Memory};
 use crate::domain::{
-    Environment, EnvironmentId, FitId, Pair, Rule, RuleKind, Scope, SegmentId, View, Within,
+    Environment, EnvironmentId, FitId, Pair, Policy, Rule, RuleKind, Scope, SegmentId, View, Within,
 };
 use crate::model::Network;
 use crate::priors::Informed;
@@ -20,6 +20,8 @@ pub struct QueryContext {
     pub scope: Scope,
     /// The segments to count; all if `None`.
     pub segments: Option<Vec<SegmentId>>,
+    /// The segments whose habits weigh the ego's actions, where the policy names some.
+    pub policy: Vec<SegmentId>,
     /// The fit and the habits that the evidence rests on.
     pub informed: Option<Informed>,
     /// The network that is asked where the counts do not decide.
@@ -30,32 +32,39 @@ impl QueryContext {
     /// Returns what a ranking by this query is of.
     pub fn key(&self) -> RankingKey {
         let Scope {
-            pair, within, rule, ..
+            pair,
+            within,
+            policy,
+            rule,
+            ..
         } = &self.scope;
         (
             self.environment.id,
             pair.clone(),
             self.segments.clone(),
             *within,
+            policy.clone(),
             rule_bits(rule),
         )
     }
 
     /// Returns what ranks that need no evidence are of: no rule decides them.
     pub fn count_ranking_key(&self) -> CountRankingKey {
-        let (environment, pair, segments, within, _) = self.key();
+        let (environment, pair, segments, within, ..) = self.key();
         (environment, pair, segments, within)
     }
 
     /// Returns what assesses states for this query.
     pub fn assessor(&self, view: View) -> Assessor<'_> {
         let memory = match self.segments {
-            None => Memory::States,
-            Some(_) => Memory::Nothing,
+            None if self.scope.policy.is_observed() => Memory::States,
+            _ => Memory::Nothing,
         };
         Assessor {
             schema: &self.environment.schema,
             scope: &self.scope,
+            segments: self.segments.as_deref(),
+            policy: &self.policy,
             informed: self.informed.as_ref(),
             network: self.network.as_deref(),
             view,
@@ -83,6 +92,7 @@ pub type RankingKey = (
     Pair,
     Option<Vec<SegmentId>>,
     Within,
+    Policy,
     (RuleKind, u64, u64, u64),
 );
 

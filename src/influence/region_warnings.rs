@@ -1,5 +1,6 @@
 //! What the reader of a region's figures should know before believing them.
 
+use super::stratified::written_p_value;
 use crate::information::pooled::Pooled;
 
 /// The largest p-value of a test that finds dependence, and above what a test finds none.
@@ -21,11 +22,11 @@ fn common_cause(merged: &Pooled, left_out: &[String], stratified: &Pooled) -> Op
     let is_gone = merged.p_value <= FOUND && stratified.p_value > MISSED;
     is_gone.then(|| {
         format!(
-            "merged over {} there is dependence (p = {:.4}), stratified by it there is none (p = \
-             {:.4}): the cause may be in what was left out",
+            "merged over {} there is dependence (p {}), stratified by it there is none (p {}): \
+             the cause may be in what was left out",
             left_out.join(", "),
-            merged.p_value,
-            stratified.p_value
+            written_p_value(merged.p_value),
+            written_p_value(stratified.p_value)
         )
     })
 }

@@ -40,7 +40,10 @@ pub fn measured(
 ) -> Result<Vec<Row>, Stopped> {
     // So many are looked at once that no state is worth remembering.
     let assessor = Assessor {
-        memory: Memory::Counts(memory),
+        memory: match context.scope.policy.is_observed() {
+            true => Memory::Counts(memory),
+            false => Memory::Nothing,
+        },
         ..context.assessor(View::Figures)
     };
 
@@ -49,15 +52,7 @@ pub fn measured(
 
     let row = |((key, counts), predicted): ((StateKey, Arc<Counts>), Option<Prediction>)| {
         stop.check()?;
-        let assessment = assessor.assess(
-            &key,
-            counts.of_pair(
-                assessor.schema,
-                &assessor.scope.pair,
-                context.segments.as_deref(),
-            ),
-            predicted,
-        );
+        let assessment = assessor.assess(&key, &counts, predicted);
         let visits = assessment.tally.n;
         Ok((visits > 0).then(|| Row {
             key,

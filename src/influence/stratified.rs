@@ -145,7 +145,8 @@ impl Disagreement {
     }
 }
 
-fn written_p_value(p_value: f64) -> String {
+/// Writes a p-value behind its p: `= 0.0312`, `< 0.0001`.
+pub fn written_p_value(p_value: f64) -> String {
     if p_value < 1e-4 {
         "< 0.0001".into()
     } else {

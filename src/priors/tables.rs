@@ -155,6 +155,16 @@ impl Tables {
         cut.into_iter().map(stratum).collect()
     }
 
+    /// Returns what counts as independent draws of the ego's actions, as rows.
+    pub fn of_ego<'a>(
+        schema: &Schema,
+        pair: &Pair,
+        cells: impl Iterator<Item = &'a Cell> + Clone,
+    ) -> Table {
+        let count = observed(Independence::from(Tally::sum(cells.clone())));
+        Table::from_counts(cells.map(|cell| (pair.actions(schema, cell).0, 0, count(cell))))
+    }
+
     /// Returns the strata of observations cut by segment, rows for the earlier agent.
     pub fn strata_by_segment<'a>(
         schema: &Schema,
@@ -258,6 +268,18 @@ impl Tables {
             [] => figure(&self.whole),
             tables => information::conditional(tables, figure),
         }
+    }
+
+    /// Returns plug-in mutual information under a policy in nats, and its mean under independence.
+    pub fn under_policy(&self, policy: information::policy::Policy<'_>, seed: u64) -> [f64; 2] {
+        let expected = |table: &Table| match table.total() {
+            0 => 0.0,
+            n => information::policy::null_under_policy(table, policy, seed).mean / n as f64,
+        };
+        [
+            self.figure(|table| information::policy::under_policy(table, policy).information),
+            self.figure(expected),
+        ]
     }
 
     /// Returns the mean of plug-in mutual information under independence, in nats, and how it was

@@ -5,8 +5,8 @@ use axum::response::Response;
 use super::extract::{self, Json, Path, Plain, Query};
 use super::json_answer::json_answer;
 use super::parameters::{
-    FigureParameters, PairParameters, RegionParameters, RuleParameters, SegmentParameters,
-    StateParameters,
+    FigureParameters, PairParameters, PolicyParameters, RegionParameters, RuleParameters,
+    SegmentParameters, StateParameters,
 };
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
@@ -53,6 +53,7 @@ pub async fn batch_get_influence(
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
         SegmentParameters,
+        PolicyParameters,
         RuleParameters,
         StateParameters,
         RegionParameters,

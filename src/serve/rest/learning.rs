@@ -5,7 +5,9 @@ use axum::response::Response;
 
 use super::extract::{Asked, Path, Query};
 use super::json_answer::json_answer;
-use super::parameters::{ExplorationParameters, PairParameters, RuleParameters, SegmentParameters};
+use super::parameters::{
+    ExplorationParameters, PairParameters, PolicyParameters, RuleParameters, SegmentParameters,
+};
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
 use crate::domain::View;
@@ -26,6 +28,7 @@ use crate::serve::status::Failure;
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
         SegmentParameters,
+        PolicyParameters,
         RuleParameters,
         ExplorationParameters,
     ),

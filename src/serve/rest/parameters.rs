@@ -41,6 +41,21 @@ pub struct SegmentParameters {
     unit: Option<json::Unit>,
 }
 
+/// Whose habits weigh the ego's actions.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct PolicyParameters {
+    /// Whose habits weigh the ego's actions: `observed` (the default) or `uniform`, every action in use
+    /// alike. Responses are by all visits.
+    #[param(pattern = "^(observed|uniform)$")]
+    policy: Option<String>,
+    /// Segments whose habits weigh the ego's actions, repeated or joined by commas, instead of
+    /// `policy`.
+    #[param(rename = "policy.segments")]
+    policy_segments: Option<Vec<String>>,
+}
+
 /// The parts of the rule that differ from the environment's.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]

@@ -5,7 +5,8 @@ use axum::response::Response;
 use super::extract::{Asked, Path, Plain, Query};
 use super::json_answer::json_answer;
 use super::parameters::{
-    DiscoveryParameters, ListingParameters, PairParameters, RuleParameters, SegmentParameters,
+    DiscoveryParameters, ListingParameters, PairParameters, PolicyParameters, RuleParameters,
+    SegmentParameters,
 };
 use super::refusals::Refusals;
 use crate::api::{fitting, json, proto};
@@ -28,6 +29,7 @@ const CELL_BYTES: usize = 128;
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
         SegmentParameters,
+        PolicyParameters,
         RuleParameters,
         ListingParameters,
         DiscoveryParameters,

@@ -2,7 +2,8 @@
 
 use super::extract::{Asked, Path, Query};
 use super::parameters::{
-    DiscoveryParameters, PairParameters, RuleParameters, SegmentParameters, SummaryParameters,
+    DiscoveryParameters, PairParameters, PolicyParameters, RuleParameters, SegmentParameters,
+    SummaryParameters,
 };
 use super::refusals::Refusals;
 use crate::api::{json, proto};
@@ -21,6 +22,7 @@ use crate::serve::status::Failure;
         ("environment" = String, Path, description = "The environment's name"),
         PairParameters,
         SegmentParameters,
+        PolicyParameters,
         RuleParameters,
         DiscoveryParameters,
         SummaryParameters,

@@ -310,6 +310,15 @@ impl Default for StatesDraft {
     }
 }
 
+/// Whose habits weigh the ego's actions, unchecked.
+#[derive(Debug, Clone, PartialEq)]
+pub enum PolicyDraft {
+    /// `observed` or `uniform`.
+    Word(String),
+    /// Those of segments.
+    Segments(Vec<String>),
+}
+
 /// Which figures of which pair, unchecked: what every question about influence has in common.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct PairDraft {
@@ -325,6 +334,8 @@ pub struct PairDraft {
     pub segments: Vec<String>,
     /// `auto` (default), `segments` or `pooled`.
     pub within: Option<String>,
+    /// Whose habits weigh the ego's actions; those observed if absent.
+    pub policy: Option<PolicyDraft>,
     /// The parts of the rule that differ from the environment's.
     pub rule: RuleDraft,
     /// The unit of the answer's figures.

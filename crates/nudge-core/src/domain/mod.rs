@@ -53,6 +53,7 @@ mod near;
 mod outcome;
 mod overview;
 mod pair;
+mod policy;
 mod presence;
 mod principal;
 mod profile;
@@ -106,6 +107,7 @@ pub use overview::{
     HistogramBin, LabelledCell, StateFigures, StatePage, StateView, Suggestion, Summary, page_size,
 };
 pub use pair::Pair;
+pub use policy::Policy;
 pub use presence::Presence;
 pub use principal::{KeyScope, Pattern, Principal, Scopes};
 pub use profile::{Profile, ProfilePoint, ProfileQuestion};

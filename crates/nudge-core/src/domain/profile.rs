@@ -62,8 +62,13 @@ impl ProfileQuestion {
             );
             faults.push(Fault::new("/lag", detail));
         }
+        if draft.pair.policy.is_some() {
+            let detail = "expected none: a profile is of the habits that were seen";
+            faults.push(Fault::new("/policy", detail));
+        }
         let without_lag = PairDraft {
             lag: 0,
+            policy: None,
             ..draft.pair.clone()
         };
 

@@ -4,7 +4,8 @@ use std::str::FromStr;
 
 use super::draft::{PairDraft, QuestionDraft, StatesDraft};
 use super::{
-    Environment, Estimator, Estimators, Label, Pair, Rule, Schema, StateKey, Unit, WrittenRule,
+    Environment, Estimator, Estimators, Label, Pair, Policy, Rule, Schema, StateKey, Unit,
+    WrittenRule,
 };
 use crate::error::{Fault, Problem};
 
@@ -165,6 +166,8 @@ pub struct Scope {
     pub segments: Option<Vec<Label>>,
     /// What is compared within each of them alone.
     pub within: Within,
+    /// Whose habits weigh the ego's actions.
+    pub policy: Policy,
     /// The rule that decides, for this pair.
     pub rule: Rule,
     /// The same as it was written, for any pair.
@@ -271,6 +274,11 @@ impl Scope {
         segments.sort_unstable();
         segments.dedup();
         let within = parse(draft.within.as_deref(), "/within", &mut faults).unwrap_or_default();
+        let policy = draft
+            .policy
+            .as_ref()
+            .map_or(Ok(Policy::default()), Policy::checked);
+        let policy = keep(policy, &mut faults).unwrap_or_default();
 
         let under_rule = |found: Vec<Fault>| {
             found
@@ -299,6 +307,7 @@ impl Scope {
                     pair,
                     segments,
                     within,
+                    policy,
                     unit,
                 })
             }

@@ -115,6 +115,11 @@ fn of_states_alone(draft: &QuestionDraft) -> impl Iterator<Item = Fault> {
             "/visits_to_decide",
             "that is asked of states alone",
         ),
+        (
+            draft.pair.policy.is_some(),
+            "/policy",
+            "they are asked about by the habits that were seen",
+        ),
     ];
     let faults = asked.into_iter().filter(|(is_asked, ..)| *is_asked);
     faults.map(|(_, pointer, why)| Fault::new(pointer, format!("expected none for regions: {why}")))

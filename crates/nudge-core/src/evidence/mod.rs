@@ -81,6 +81,7 @@
 //!   seen less, in large alphabets, what slabs say is doubted by up to a quarter.
 //! * **Regions** (`region`). Mean mutual information over many states: the region's own share of
 //!   dependent ones is learnt from theirs.
+//! * **Policies** (`under_policy`). What mutual information would be had the ego other habits.
 //! * **Expectations** (`expected_response`). Where a network said beforehand what both agents do,
 //!   its responses stand in the place of the bases.
 //! * **More data** (`sample_size`). After how many more visits there will be a verdict.
@@ -118,20 +119,19 @@ mod predicted;
 mod prior;
 mod readings;
 mod region;
+mod region_decision;
 mod sample_size;
 mod segments;
 mod side;
 mod state;
+mod under_policy;
 mod weights;
 mod within;
 
 pub use base::Base;
 pub use by_action::ActionPosterior;
 pub use counted::{Counted, Ego};
-pub use decision::{
-    Beliefs, Believed, basis, decide, decide_region, dependence, dependence_in_region,
-    is_explained, is_opened,
-};
+pub use decision::{Beliefs, Believed, basis, decide, dependence, is_explained, is_opened};
 pub use expected_response::{ExpectedResponse, ExpectedState, bayes_factors};
 pub use fit::{Fit, Fitter};
 pub use habits::{Habits, Uses};
@@ -140,6 +140,8 @@ pub use parameters::{Parameters, SideParameters};
 pub use posterior::{BySegment, Posterior};
 pub use prior::Prior;
 pub use region::{RegionPosterior, RegionState, RegionStates};
+pub use region_decision::{decide_region, dependence_in_region};
+pub use under_policy::PolicyPosterior;
 
 /// The largest alphabet of either variable that posteriors are for: their tables hold every letter
 /// of the columns.

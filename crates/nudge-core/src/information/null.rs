@@ -16,14 +16,17 @@ pub enum ExpectedMethod {
     /// That mean, with a series in place of the longest sums, or between margins in place of very
     /// many.
     Asymptotic,
+    /// The mean over seeded permutations.
+    Permutation,
 }
 
 impl ExpectedMethod {
-    /// Returns the name the method goes by in answers: `hypergeometric` or `asymptotic`.
+    /// Returns the name the method goes by in answers: `hypergeometric`, `asymptotic` or `permutation`.
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Hypergeometric => "hypergeometric",
             Self::Asymptotic => "asymptotic",
+            Self::Permutation => "permutation",
         }
     }
 }

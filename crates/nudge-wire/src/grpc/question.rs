@@ -2,8 +2,8 @@
 
 use nudge_core::domain::Verdict;
 use nudge_core::domain::draft::{
-    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, QuestionDraft, StatesDraft,
-    SummaryDraft,
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, PolicyDraft, QuestionDraft,
+    StatesDraft, SummaryDraft,
 };
 use nudge_core::error::{Fault, Problem};
 
@@ -19,6 +19,7 @@ pub fn scope(scope: Option<proto::Scope>) -> Result<(String, PairDraft), Problem
         given: scope.given,
         segments: scope.segments,
         within: within(scope.within)?,
+        policy: scope.policy.and_then(policy),
         rule: scope.rule.unwrap_or_default().into(),
         unit: present(scope.unit),
     };
@@ -188,6 +189,14 @@ pub fn fit(request: proto::FitPriorRequest) -> (String, Option<PairDraft>) {
         request.environment,
         Some(pair).filter(|pair| *pair != PairDraft::default()),
     )
+}
+
+fn policy(policy: proto::Policy) -> Option<PolicyDraft> {
+    use proto::policy::Habits;
+    Some(match policy.habits? {
+        Habits::Named(word) => PolicyDraft::Word(word),
+        Habits::Segments(named) => PolicyDraft::Segments(named.segments),
+    })
 }
 
 fn within(number: i32) -> Result<Option<String>, Problem> {

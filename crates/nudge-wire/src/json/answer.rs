@@ -187,7 +187,8 @@ pub struct MutualInformation {
     pub plug_in: f64,
     /// The mean of plug-in under independence at these margins.
     pub expected_if_independent: f64,
-    /// `hypergeometric` (exact) or `asymptotic` (above 1,000 visits).
+    /// `hypergeometric` (exact), `asymptotic` (above 1,000 visits) or, under a policy that was not
+    /// seen, `permutation`.
     #[schema(value_type = words::NullMethod)]
     pub expected_method: String,
     /// The mean given the counts and the fitted prior, at least 0.

@@ -3,8 +3,8 @@
 
 use nudge_core::domain::RuleDraft;
 use nudge_core::domain::draft::{
-    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, ProfileDraft, QuestionDraft,
-    RegionDraft, StatesDraft, SummaryDraft,
+    DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, PolicyDraft, ProfileDraft,
+    QuestionDraft, RegionDraft, StatesDraft, SummaryDraft,
 };
 use nudge_core::error::Problem;
 
@@ -19,8 +19,20 @@ impl Parameters {
             given: self.list("given"),
             segments: self.list("segments"),
             within: self.text("within"),
+            policy: self.policy(),
             rule: self.rule(),
             unit: self.text("unit"),
+        }
+    }
+
+    fn policy(&mut self) -> Option<PolicyDraft> {
+        let (word, segments) = (self.text("policy"), self.list("policy.segments"));
+        if word.is_some() && !segments.is_empty() {
+            self.fault("policy.segments", "got policy too, expected one of them");
+        }
+        match segments.is_empty() {
+            true => word.map(PolicyDraft::Word),
+            false => Some(PolicyDraft::Segments(segments)),
         }
     }
 

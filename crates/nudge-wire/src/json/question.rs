@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use nudge_core::domain::draft::{NamedValues, PairDraft, QuestionDraft, StatesDraft};
+use nudge_core::domain::draft::{NamedValues, PairDraft, PolicyDraft, QuestionDraft, StatesDraft};
 use nudge_core::error::{Fault, Problem};
 use serde::Deserialize;
 use serde::de::{Deserializer, MapAccess, Visitor};
@@ -45,6 +45,10 @@ pub struct Question {
     /// `segments` the plug-in and its mean under independence too, `pooled` nothing.
     #[schema(example = "auto", value_type = Option<words::Within>)]
     pub within: Option<String>,
+    /// Whose habits weigh the ego's actions: `observed` (the default), `uniform`, or those seen in
+    /// `{"segments": [...]}`. Responses are by all visits.
+    #[schema(value_type = Option<Object>, example = "uniform")]
+    pub policy: Option<Policy>,
     /// The parts of the rule that differ from the environment's.
     pub rule: Option<Rule>,
     /// The unit of the answer's figures, `nats` or `bits`; absent for the rule's.
@@ -88,6 +92,33 @@ pub struct Question {
     pub features: Vec<String>,
 }
 
+/// Whose habits weigh the ego's actions.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "observed, uniform, or an object of segments")]
+pub enum Policy {
+    /// `observed` or `uniform`.
+    Word(String),
+    /// Those of segments.
+    Habits(PolicySegments),
+}
+
+/// Segments whose habits weigh the ego's actions.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PolicySegments {
+    /// At least one.
+    pub segments: Vec<String>,
+}
+
+impl From<Policy> for PolicyDraft {
+    fn from(policy: Policy) -> Self {
+        match policy {
+            Policy::Word(word) => Self::Word(word),
+            Policy::Habits(habits) => Self::Segments(habits.segments),
+        }
+    }
+}
+
 /// A state by the names of its features.
 #[derive(Debug, Clone, PartialEq)]
 pub struct NamedState(NamedValues);
@@ -103,6 +134,7 @@ impl TryFrom<Question> for QuestionDraft {
             given: question.given,
             segments: question.segments,
             within: question.within,
+            policy: question.policy.map(Into::into),
             rule: question.rule.map(Into::into).unwrap_or_default(),
             unit: question.unit,
         };
@@ -210,6 +242,7 @@ mod tests {
             given: vec!["c".into()],
             segments: vec!["train".into()],
             within: Some("pooled".into()),
+            policy: None,
             rule: RuleDraft {
                 threshold: Some(1.0),
                 ..RuleDraft::default()

@@ -53,7 +53,8 @@ words! {
     /// What evidence takes for independent draws.
     Independence = [domain::Independence::Entries, domain::Independence::Assumed].map(domain::Independence::as_str);
     /// How a mean under independence was found.
-    NullMethod = [ExpectedMethod::Hypergeometric, ExpectedMethod::Asymptotic].map(ExpectedMethod::as_str);
+    NullMethod =
+        [ExpectedMethod::Hypergeometric, ExpectedMethod::Asymptotic, ExpectedMethod::Permutation].map(ExpectedMethod::as_str);
     /// How a test of independence was made.
     TestMethod =
         [SignificanceMethod::Exact, SignificanceMethod::Permutation, SignificanceMethod::GTest].map(SignificanceMethod::as_str);
