@@ -368,7 +368,7 @@ fn checked(
     let derived = derived(description.derived.as_deref(), schema.as_ref())
         .map_err(|found| faults.extend(found));
 
-    let kept = existing.map(|environment| environment.rule);
+    let kept = existing.map(|environment| environment.rule.clone());
     let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
         (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
         (merged, _) => merged,
@@ -414,7 +414,7 @@ fn changed(environment: &Environment, draft: &ChangeDraft) -> Result<Change, Vec
 
     let merged = |draft: &RuleDraft| {
         let rule = environment.rule.merged(draft)?;
-        within_reach(rule, draft, schema, Some(environment.rule))
+        within_reach(rule, draft, schema, Some(environment.rule.clone()))
     };
     let rule = draft.rule.as_ref().map(merged).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found))).ok();

@@ -346,6 +346,7 @@ impl From<Rule> for proto::Rule {
             min_visits: rule.rule_min_visits,
             confidence: rule.rule_confidence,
             estimators: None,
+            exploration: None,
         }
     }
 }

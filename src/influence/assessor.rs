@@ -1,12 +1,13 @@
 //! The assessment of one state by its counts: its tables, what the evidence says of them, and the
 //! verdict. Where the counts do not decide, a network's prediction may.
 
+use super::policy_segments::PolicySegments;
 use crate::domain::{
-    Basis, Cell, Counts, Dependence, Evidence, Policy, Probability, Rule, RuleKind, Schema, Scope,
+    Basis, Cell, Counts, Dependence, Evidence, Probability, Rule, RuleKind, Schema, Scope,
     SegmentId, Segmentation, StateKey, Tally, Verdict, View,
 };
-use crate::evidence::{self, Believed, RegionState};
-use crate::information::{self, ExpectedMethod, plug_in};
+use crate::evidence::{self, Believed, PolicyBelief, PolicyPosterior, RegionState};
+use crate::information::{self, ExpectedMethod, Table, plug_in};
 use crate::model::{Network, Prediction};
 use crate::priors::{
     self, EvidenceInputs, Informed, Observations, PassEvidence, StateEvidence, Tables,
@@ -20,8 +21,8 @@ pub struct Assessor<'a> {
     pub scope: &'a Scope,
     /// The segments to count; all if `None`.
     pub segments: Option<&'a [SegmentId]>,
-    /// Those whose habits weigh the ego's actions, where the policy names some.
-    pub policy: &'a [SegmentId],
+    /// Whose habits weigh the ego's actions.
+    pub policy: &'a PolicySegments,
     pub informed: Option<&'a Informed>,
     /// Who is asked where the counts do not decide.
     pub network: Option<&'a Network>,
@@ -136,21 +137,30 @@ impl Assessor<'_> {
 
     /// Returns what a state with these cells adds to what is believed of a region, and P(habits differ
     /// by segment) where that is known; `None` where the alphabets are too large for evidence.
-    pub fn region_state<'c>(
+    pub fn region_state(
         &self,
         tally: Tally,
-        cells: impl Iterator<Item = &'c Cell> + Clone,
+        counts: &Counts,
     ) -> Option<(RegionState, Option<f64>)> {
         let informed = self.informed?;
         let Scope { pair, within, .. } = self.scope;
-        let tables = self.tables(cells.clone());
-        let observations = tables.observations(self.schema, pair, *within, cells);
+        let cells = || counts.of_pair(self.schema, pair, self.segments);
+        let tables = self.tables(cells());
+        let observations = tables.observations(self.schema, pair, *within, cells());
 
         let posterior = informed
             .prior
             .posterior(&informed.habits, observations.counted());
         let differ = posterior.by_segment().map(|by_segment| by_segment.differ);
-        Some((RegionState::new(tally.n, &posterior), differ))
+        let state = match self.habits(counts) {
+            None => RegionState::new(tally.n, &posterior),
+            Some(done) => {
+                let (policy, _) = self.weights(informed, &done);
+                self.policy_posterior(informed, &observations, &policy)
+                    .region_state(tally.n)
+            }
+        };
+        Some((state, differ))
     }
 
     /// Returns the verdict of the counts by a kind of rule.
@@ -259,48 +269,73 @@ impl Assessor<'_> {
             evidence,
             believed,
         };
-        match self.scope.policy.is_observed() {
-            true => seen,
-            false => self.under_policy(informed, counts, &tables, &observations, seen),
+        match self.habits(counts) {
+            None => seen,
+            Some(done) => self.under_policy(informed, &done, &tables, &observations, seen),
         }
     }
 
-    /// Returns what the counts of a state support and show under the question's policy, which was not
-    /// seen, beside what they do under the one that was.
+    /// Returns what the ego did in a state where the policy looks, as rows; `None` where the policy is
+    /// the one that was seen in all counts.
+    fn habits(&self, counts: &Counts) -> Option<Table> {
+        let pair = &self.scope.pair;
+        let of_ego = |segments: Option<&[SegmentId]>, left_out: &[SegmentId]| {
+            let cells = counts.of_pair(self.schema, pair, segments);
+            let cells = cells.filter(|cell| !left_out.contains(&cell.segment));
+            Tables::of_ego(self.schema, pair, cells)
+        };
+        match self.policy {
+            PolicySegments::Observed => None,
+            PolicySegments::Uniform => Some(Table::default()),
+            PolicySegments::Within(segments) => Some(of_ego(Some(segments), &[])),
+            PolicySegments::Outside(explored) => {
+                let is_explored = |cell: &Cell| explored.contains(&cell.segment);
+                let mut counted = counts.of_pair(self.schema, pair, self.segments);
+                counted.any(is_explored).then(|| of_ego(None, explored))
+            }
+        }
+    }
+
+    /// Returns the policy of an ego that did this in a state, and how it weighs tables.
+    fn weights<'t>(
+        &self,
+        informed: &Informed,
+        done: &'t Table,
+    ) -> (PolicyBelief, information::policy::Policy<'t>) {
+        let (prior, ego) = (&informed.prior, priors::ego(&self.scope.pair));
+        match self.policy {
+            PolicySegments::Uniform => {
+                let actions = self.scope.pair.alphabet(self.schema).rows;
+                (
+                    prior.uniform_policy(&informed.habits, ego),
+                    information::policy::Policy::Uniform { actions },
+                )
+            }
+            _ => (
+                prior.policy_seen(&informed.habits, ego, done),
+                information::policy::Policy::Habits(done),
+            ),
+        }
+    }
+
+    /// Returns what a state supports and shows under the question's policy, beside what it does under
+    /// the one that was seen.
     fn under_policy(
         &self,
         informed: &Informed,
-        counts: &Counts,
+        done: &Table,
         tables: &Tables,
         observations: &Observations<'_>,
         seen: StateEvidence,
     ) -> StateEvidence {
         /// Of permutations: what they show depends on nothing else.
         const SEED: u64 = 1;
-        let Scope { pair, rule, .. } = self.scope;
-        let (prior, ego, threshold) = (&informed.prior, priors::ego(pair), rule.threshold_nats());
+        let (policy, weights) = self.weights(informed, done);
+        let posterior = self.policy_posterior(informed, observations, &policy);
 
-        let done = Tables::of_ego(
-            self.schema,
-            pair,
-            counts.of_pair(self.schema, pair, Some(self.policy)),
-        );
-        let is_uniform = self.scope.policy == Policy::Uniform;
-        let policy = match is_uniform {
-            true => prior.uniform_policy(&informed.habits, ego),
-            false => prior.policy_seen(&informed.habits, ego, &done),
-        };
-        let counted = observations.counted();
-        let posterior = prior.under_policy(&informed.habits, counted, ego, &policy);
-
-        let actions = pair.alphabet(self.schema).rows;
-        let weights = match is_uniform {
-            true => information::policy::Policy::Uniform { actions },
-            false => information::policy::Policy::Habits(&done),
-        };
         let [plug_in, expected] = tables.under_policy(weights, SEED);
         let believed = Believed {
-            now: posterior.beliefs(threshold),
+            now: posterior.beliefs(self.scope.rule.threshold_nats()),
             ..seen.believed
         };
         StateEvidence {
@@ -318,6 +353,17 @@ impl Assessor<'_> {
             believed,
             ..seen
         }
+    }
+
+    fn policy_posterior(
+        &self,
+        informed: &Informed,
+        observations: &Observations<'_>,
+        policy: &PolicyBelief,
+    ) -> PolicyPosterior {
+        let (habits, ego) = (&informed.habits, priors::ego(&self.scope.pair));
+        let counted = observations.counted();
+        informed.prior.under_policy(habits, counted, ego, policy)
     }
 
     /// Returns what the observations of a state support, in nats: as it is told, and as it decides.

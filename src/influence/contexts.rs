@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::Influence;
+use super::policy_segments::PolicySegments;
 use super::query_context::QueryContext;
 use super::store_errors::logged;
 use crate::domain::{Environment, Label, Policy, Scope, SegmentId, hint};
@@ -40,34 +41,44 @@ impl Influence {
         })
     }
 
-    /// Returns the numbers of the segments whose habits weigh the ego's actions; none where the policy
-    /// names none.
+    /// Returns the policy of a scope by the numbers of its segments.
     async fn policy(
         &self,
         environment: &Environment,
         scope: &Scope,
-    ) -> Result<Vec<SegmentId>, Problem> {
+    ) -> Result<PolicySegments, Problem> {
         let Alphabet { rows, columns } = scope.pair.alphabet(&environment.schema);
-        if !scope.policy.is_observed() && rows * columns > evidence::MOST_CELLS {
-            let detail = format!(
-                "expected none for agents with {rows} x {columns} actions: a policy that was not \
-                 seen weighs at most {} pairs",
-                evidence::MOST_CELLS
-            );
-            return Err(Problem::invalid(
-                "question",
-                vec![Fault::new("/policy", detail)],
-            ));
+        let is_weighable = rows * columns <= evidence::MOST_CELLS;
+        match &scope.policy {
+            Policy::Observed => Ok(PolicySegments::Observed),
+            Policy::Outside(explored) => {
+                let known = self.store.segments(environment.id).await.map_err(logged)?;
+                let explored = known.into_iter().filter(|(_, label)| {
+                    let label = label.as_ref();
+                    label.is_some_and(|label| explored.contains(label))
+                });
+                let explored: Vec<SegmentId> = explored.map(|(id, _)| id).collect();
+                Ok(match explored.is_empty() || !is_weighable {
+                    true => PolicySegments::Observed,
+                    false => PolicySegments::Outside(explored),
+                })
+            }
+            _ if !is_weighable => {
+                let detail = format!(
+                    "expected none for agents with {rows} x {columns} actions: a policy that was \
+                     not seen weighs at most {} pairs",
+                    evidence::MOST_CELLS
+                );
+                let fault = Fault::new("/policy", detail);
+                Err(Problem::invalid("question", vec![fault]))
+            }
+            Policy::Uniform => Ok(PolicySegments::Uniform),
+            Policy::Segments(named) => {
+                let at = "/policy/segments";
+                let ids = self.segments_at(at, environment, Some(named)).await?;
+                Ok(PolicySegments::Within(ids.unwrap_or_default()))
+            }
         }
-        let named = match &scope.policy {
-            Policy::Segments(named) => Some(named.as_slice()),
-            Policy::Observed | Policy::Uniform => None,
-        };
-        let at = "/policy/segments";
-        Ok(self
-            .segments_at(at, environment, named)
-            .await?
-            .unwrap_or_default())
     }
 
     /// Returns the numbers of the segments named, or every unknown one as a fault.

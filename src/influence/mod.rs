@@ -16,7 +16,7 @@
 //! | all states of a region as one, by lag | `overviews` | `profile` |
 //! | a fit | `fits` | [`crate::priors`] |
 //!
-//! Each begins with its `query_context`, which `contexts` finds. An `assessor` says of one state's
+//! Each begins with its `query_context`, which `contexts` finds, its policy by `policy_segments`. An `assessor` says of one state's
 //! counts what they are worth: `rows` keep that for all states, `state_ranking` and `count_ranking`
 //! order them, and `discoveries` tests many at once. `passes` gets those from a `pass_cache`, made
 //! once for all who ask. `labels` names what has numbers, and `size` refuses what no message holds.
@@ -47,6 +47,7 @@ mod overviews;
 mod pages;
 mod pass_cache;
 mod passes;
+mod policy_segments;
 mod profile;
 mod query_context;
 mod questions;
@@ -123,7 +124,7 @@ impl Influence {
             searched: PassCache::new("the list of discoveries", stopping()),
             explored: PassCache::new("the exploration", stopping()),
             profiles: PassCache::new("the profile", stopping()),
-            regions: PassCache::new("the answers", stopping()),
+            regions: PassCache::new("the answer", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,

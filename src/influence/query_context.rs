@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::assessor::{Assessor, Memory};
+use super::policy_segments::PolicySegments;
 use crate::domain::{
     Environment, EnvironmentId, FitId, Pair, Policy, Rule, RuleKind, Scope, SegmentId, View, Within,
 };
@@ -20,8 +21,8 @@ pub struct QueryContext {
     pub scope: Scope,
     /// The segments to count; all if `None`.
     pub segments: Option<Vec<SegmentId>>,
-    /// The segments whose habits weigh the ego's actions, where the policy names some.
-    pub policy: Vec<SegmentId>,
+    /// Whose habits weigh the ego's actions.
+    pub policy: PolicySegments,
     /// The fit and the habits that the evidence rests on.
     pub informed: Option<Informed>,
     /// The network that is asked where the counts do not decide.
@@ -57,7 +58,7 @@ impl QueryContext {
     /// Returns what assesses states for this query.
     pub fn assessor(&self, view: View) -> Assessor<'_> {
         let memory = match self.segments {
-            None if self.scope.policy.is_observed() => Memory::States,
+            None if self.policy == PolicySegments::Observed => Memory::States,
             _ => Memory::Nothing,
         };
         Assessor {

@@ -138,6 +138,8 @@ impl RegionContext {
             evidence: evidence.map(|evidence| evidence.in_unit(scope.unit)),
             segmentation: made.segmentation,
             warnings: warnings(
+                scope.within,
+                made.segmentation.count,
                 &made.pooled,
                 grain.map(|(grain, stratified)| (left_out(grain), stratified)),
             ),
@@ -294,7 +296,7 @@ impl RegionContext {
             tally,
             segments: cells().map(|cell| cell.segment).collect(),
             strata: Tables::strata_within(schema, &scope.pair, scope.within, cells()),
-            believed: assessor.region_state(tally, cells()),
+            believed: assessor.region_state(tally, &scanned.counts),
         }
     }
 }
@@ -303,7 +305,9 @@ impl RegionSums {
     fn new(context: &RegionContext, region: &Region) -> Self {
         let (schema, scope) = (&context.query.environment.schema, &context.question.scope);
         let alphabet = scope.pair.alphabet(schema);
+        // Of a single action there is nothing to believe.
         let informed = context.query.informed.as_ref();
+        let informed = informed.filter(|_| alphabet.largest_information() > 0.0);
         let share = informed.map(|informed| informed.unseen(scope.rule.threshold_nats()).dependent);
         Self {
             region: region.clone(),
@@ -369,6 +373,8 @@ impl RegionSums {
             .as_ref()
             .map(|_| self.merged(context));
         let [differ, visits] = self.differ;
+        let states = self.states.as_ref();
+        let posterior = states.and_then(|states| states.posterior(&stratified));
         let (pooled, stratified) = match merged {
             Some(merged) => (merged, Some(stratified)),
             None => (stratified, None),
@@ -382,7 +388,7 @@ impl RegionSums {
             },
             pooled,
             stratified,
-            posterior: self.states.as_ref().map(RegionStates::posterior),
+            posterior,
             by_action: self.responses.as_ref().map(|responses| {
                 actions::on_the_whole(
                     &context.query.environment.schema,

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use rayon::prelude::*;
 
 use super::assessor::{Assessor, Memory};
+use super::policy_segments::PolicySegments;
 use super::query_context::QueryContext;
 use crate::domain::{Basis, Counts, Evidence, StateKey, Verdict, View};
 use crate::model::Prediction;
@@ -40,9 +41,10 @@ pub fn measured(
 ) -> Result<Vec<Row>, Stopped> {
     // So many are looked at once that no state is worth remembering.
     let assessor = Assessor {
-        memory: match context.scope.policy.is_observed() {
-            true => Memory::Counts(memory),
-            false => Memory::Nothing,
+        memory: match context.policy {
+            // Habits may be seen where nothing else is counted.
+            PolicySegments::Observed => Memory::Counts(memory),
+            _ => Memory::Nothing,
         },
         ..context.assessor(View::Figures)
     };

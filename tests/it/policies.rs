@@ -2,6 +2,8 @@
 //! its habits, and with them mutual information; asked about by the habits from before, it does not.
 
 use nudge::api::{json as dto, proto};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use serde_json::{Value, json};
 
 use crate::lags::run;
@@ -163,13 +165,6 @@ async fn a_policy_of_nobody_is_refused() {
         assert_eq!(status, 400, "{policy}: {problem}");
         assert_eq!(problem["errors"][0]["pointer"], json!(pointer), "{problem}");
     }
-    for question in [
-        json!({"region": {}, "policy": "uniform"}),
-        json!({"keys": ["0"], "policy": "uniform", "graph": true}),
-    ] {
-        let (status, problem) = app.rest("POST", &path, Some(&question)).await;
-        assert_eq!(status, 400, "{problem}");
-    }
     let (status, problem) = app
         .rest(
             "POST",
@@ -178,4 +173,156 @@ async fn a_policy_of_nobody_is_refused() {
         )
         .await;
     assert_eq!(status, 400, "{problem}");
+}
+
+/// States of the learner's world; in every other one the other copies the ego three times in four.
+const PLACES: u64 = 40;
+/// Visits of a round.
+const ROUND: usize = 40;
+const ROUNDS: usize = 30;
+
+/// Someone who learns whether the robot influences the human, place by place.
+struct Learner {
+    app: TestApp,
+    random: Pcg64,
+    sequence: u64,
+}
+
+/// Right and wrong verdicts.
+#[derive(Debug, Default, Clone, Copy)]
+struct Verdicts {
+    right: u64,
+    wrong: u64,
+}
+
+impl Learner {
+    /// Begins with five visits to each place, acting naturally.
+    async fn new(seed: u64) -> Self {
+        let app = TestApp::start().await;
+        let action = json!([{"name": "move", "integer": {"min": 0, "max": 2}}]);
+        let description = json!({
+            "state": [{"name": "place", "integer": {"min": 0, "max": PLACES - 1}}],
+            "agents": [{"name": "robot", "action": action}, {"name": "human", "action": action}],
+            "rule": {"threshold": 0.1, "unit": "nats", "exploration": ["tried"]},
+        });
+        let made = app.rest("PUT", PATH, Some(&description)).await;
+        assert_eq!(made.0, 201, "{}", made.1);
+
+        let random = Pcg64::seed_from_u64(seed);
+        let mut learner = Self {
+            app,
+            random,
+            sequence: 0,
+        };
+        let visits: Vec<(u64, u64)> = (0..5 * PLACES)
+            .map(|at| (at % PLACES, learner.natural()))
+            .collect();
+        learner.visit(None, &visits).await;
+        learner
+    }
+
+    /// Returns an action as the robot is used to act: mostly 0.
+    fn natural(&mut self) -> u64 {
+        match self.random.random_range(0..10) {
+            0 => 1,
+            1 => 2,
+            _ => 0,
+        }
+    }
+
+    /// Takes actions in places, and counts what the human does.
+    async fn visit(&mut self, segment: Option<&str>, visits: &[(u64, u64)]) {
+        self.sequence += 1;
+        let transitions: Vec<Value> = visits
+            .iter()
+            .map(|(place, robot)| {
+                let copies = place % 2 == 0 && self.random.random_range(0..4) > 0;
+                let human = if copies { *robot } else { self.random.random_range(0..3) };
+                json!({"state": {"place": place}, "actions": {"robot": robot, "human": human}, "entry": true})
+            })
+            .collect();
+        let batch = json!({"producer": "learner", "sequence": self.sequence,
+                           "segment": segment, "transitions": transitions});
+        let path = format!("{PATH}/transitions");
+        let (status, receipt) = self.app.rest("POST", &path, Some(&batch)).await;
+        assert_eq!(
+            (status, &receipt["rejected_count"]),
+            (200, &json!(0)),
+            "{receipt}"
+        );
+    }
+
+    /// Acts naturally, wherever it comes.
+    async fn act(&mut self) {
+        let visits: Vec<(u64, u64)> = (0..ROUND)
+            .map(|_| (self.random.random_range(0..PLACES), self.natural()))
+            .collect();
+        self.visit(None, &visits).await;
+    }
+
+    /// Tries what is suggested, in a segment of its own.
+    async fn explore(&mut self) {
+        let told = self.app.get(&format!("{PATH}/explore?limit={ROUND}")).await;
+        let trials = told["trials"].as_array().expect("trials").iter();
+        let visits: Vec<(u64, u64)> = trials
+            .map(|trial| {
+                let place = trial["state"]["key"].as_str().expect("a key").parse();
+                (
+                    place.expect("a number"),
+                    trial["index"].as_u64().expect("an index"),
+                )
+            })
+            .collect();
+        if !visits.is_empty() {
+            self.visit(Some("tried"), &visits).await;
+        }
+    }
+
+    async fn verdicts(&self) -> Verdicts {
+        let keys: Vec<String> = (0..PLACES).map(|place| place.to_string()).collect();
+        let question = json!({"keys": keys, "view": "figures"});
+        let path = format!("{PATH}/influence");
+        let (status, told) = self.app.rest("POST", &path, Some(&question)).await;
+        assert_eq!(status, 200, "{told}");
+
+        let answers = told["answers"].as_array().expect("answers").iter();
+        let mut verdicts = Verdicts::default();
+        for (place, answer) in answers.enumerate() {
+            let is_copied = place % 2 == 0;
+            match answer["verdict"].as_str().expect("a verdict") {
+                "undecided" => {}
+                verdict if (verdict == "influences") == is_copied => verdicts.right += 1,
+                _ => verdicts.wrong += 1,
+            }
+        }
+        verdicts
+    }
+}
+
+#[tokio::test]
+async fn a_learner_who_follows_advice_is_right_sooner_and_no_more_often_wrong() {
+    let (mut decided, mut wrong) = (0, 0);
+    for seed in [1, 2] {
+        let [mut natural, mut explorer] = [Learner::new(seed).await, Learner::new(seed).await];
+        for _ in 0..ROUNDS {
+            natural.act().await;
+        }
+        let acted = natural.verdicts().await;
+
+        // As many right ones as acting naturally has, with at most .7 x the visits.
+        let begun = 5 * PLACES as usize;
+        let most = (begun + ROUNDS * ROUND) * 7 / 10;
+        let rounds = (most - begun) / ROUND;
+        for _ in 0..rounds {
+            explorer.explore().await;
+        }
+        let explored = explorer.verdicts().await;
+        assert!(
+            explored.right >= acted.right,
+            "{explored:?} beside {acted:?}"
+        );
+        decided += explored.right + explored.wrong;
+        wrong += explored.wrong;
+    }
+    assert!(wrong * 20 <= decided, "{wrong} of {decided}");
 }

@@ -191,17 +191,23 @@ async fn an_environment_is_made_changed_and_removed(database: &dyn Database) {
     let made: Arc<Environment> = store.environment("hallway").expect("made");
     assert_eq!((made.id, made.schema.hash()), (id, schema().hash()));
 
-    let again = store.create(&made.name, &schema(), &made.rule.into()).await;
+    let again = store
+        .create(&made.name, &schema(), &made.rule.clone().into())
+        .await;
     assert!(matches!(again, Err(StoreError::AlreadyExists(name)) if name == "hallway"));
 
     let threshold = |threshold| WrittenRule {
         threshold,
-        ..made.rule
+        ..made.rule.clone()
     };
     let rule = threshold(Threshold::Information(0.1 + 0.2));
-    for rule in [threshold(Threshold::Share(0.1 + 0.2)), rule] {
+    for rule in [threshold(Threshold::Share(0.1 + 0.2)), rule.clone()] {
         assert_eq!(
-            store.change(id, &rule.into()).await.expect("changed").rule,
+            store
+                .change(id, &rule.clone().into())
+                .await
+                .expect("changed")
+                .rule,
             rule
         );
         assert_eq!(
@@ -255,18 +261,21 @@ async fn what_is_not_changed_of_an_environment_stays(database: &dyn Database) {
         .await;
     let made = made.expect("made");
     assert_eq!(
-        (&made.derived, made.rule),
+        (&made.derived, made.rule.clone()),
         (&derived, WrittenRule::default())
     );
     let rule = WrittenRule {
         min_visits: 3,
-        ..made.rule
+        ..made.rule.clone()
     };
-    let ruled = store.change(made.id, &rule.into()).await.expect("changed");
-    assert_eq!((&ruled.derived, ruled.rule), (&derived, rule));
+    let ruled = store
+        .change(made.id, &rule.clone().into())
+        .await
+        .expect("changed");
+    assert_eq!((&ruled.derived, &ruled.rule), (&derived, &rule));
     let without = store.change(made.id, &of_derived(none)).await;
     let without = without.expect("changed");
-    assert_eq!((without.derived.len(), without.rule), (0, rule));
+    assert_eq!((without.derived.len(), &without.rule), (0, &rule));
     assert_eq!(store.environment("street"), Some(without));
 
     let changed = store.change(made.id, &of_derived(some)).await;

@@ -18,6 +18,9 @@ use crate::serve::status::Failure;
 /// Returns where one more visit is worth most: states, and the ego's actions in them. What to try
 /// next to learn one's influence.
 ///
+/// Send such visits under a segment of their own that the rule's `exploration` names, so that what was
+/// tried weighs nothing in mutual information.
+///
 /// Where that takes longer than its caller waits, 503 tells how far it is; it goes on, so that
 /// whoever asks again finds it further on.
 #[utoipa::path(

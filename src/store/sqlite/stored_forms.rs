@@ -114,6 +114,8 @@ struct RuleText {
     confidence: String,
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     estimators: Vec<String>,
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    exploration: Vec<String>,
 }
 
 /// Names are short, and version 1 goes without saying: a thousand receipts are kept of every
@@ -279,6 +281,7 @@ pub(super) fn write_rule(rule: &WrittenRule) -> String {
             .iter()
             .map(|estimator| estimator.as_str().to_owned())
             .collect(),
+        exploration: rule.exploration.iter().map(ToString::to_string).collect(),
     };
     form::write(RULE_FORM, &text)
 }
@@ -303,6 +306,7 @@ fn first_rule(text: RuleText) -> Result<WrittenRule, Unreadable> {
         min_visits: Some(text.min_visits),
         confidence: number("confidence", Some(text.confidence))?,
         estimators: Some(text.estimators),
+        exploration: Some(text.exploration),
     };
 
     // A rule is merged over another one, which has a threshold.
@@ -599,6 +603,7 @@ mod tests {
                     min_visits,
                     confidence,
                     estimators: [Estimator::Nsb].into_iter().collect(),
+                    exploration: vec!["tried".parse().expect("a label")],
                 };
                 proptest::prop_assert_eq!(read_rule(&write_rule(&written)), Ok(written));
             }

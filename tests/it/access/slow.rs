@@ -156,7 +156,8 @@ async fn a_body_that_is_slower_than_its_key_does_nothing() {
                 .environments
                 .find("lane")
                 .expect("there")
-                .rule;
+                .rule
+                .clone();
             let answer = sent
                 .send(&guarded, &bearer(&key), async || {
                     guarded.ring.replace(keys(&[&change]))

@@ -211,6 +211,8 @@ pub struct RuleDraft {
     pub confidence: Option<f64>,
     /// Names of the estimators that answers tell.
     pub estimators: Option<Vec<String>>,
+    /// Segments in which agents explored.
+    pub exploration: Option<Vec<String>>,
 }
 
 /// A value of a feature, as it was written.

@@ -79,7 +79,7 @@ impl Environment {
         let derived = change.derived.as_ref().unwrap_or(&self.derived);
         Self {
             derived: derived.clone(),
-            rule: change.rule.unwrap_or(self.rule),
+            rule: change.rule.clone().unwrap_or_else(|| self.rule.clone()),
             ..self.clone()
         }
     }

@@ -14,6 +14,9 @@ pub enum Policy {
     Uniform,
     /// Those seen in these segments, each once and in order; responses are from all visits.
     Segments(Vec<Label>),
+    /// Those seen outside of these segments, where a rule says that agents explored in them: what
+    /// they tried there was no habit of theirs.
+    Outside(Vec<Label>),
 }
 
 impl Policy {
@@ -58,8 +61,11 @@ impl Policy {
         }
     }
 
-    /// Returns whether it is the one that was seen.
-    pub fn is_observed(&self) -> bool {
-        *self == Self::Observed
+    /// Returns the policy of questions that name none, where agents explored in these segments.
+    pub fn unless_exploring(exploration: &[Label]) -> Self {
+        match exploration {
+            [] => Self::Observed,
+            explored => Self::Outside(explored.to_vec()),
+        }
     }
 }

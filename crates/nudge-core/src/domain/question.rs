@@ -274,11 +274,8 @@ impl Scope {
         segments.sort_unstable();
         segments.dedup();
         let within = parse(draft.within.as_deref(), "/within", &mut faults).unwrap_or_default();
-        let policy = draft
-            .policy
-            .as_ref()
-            .map_or(Ok(Policy::default()), Policy::checked);
-        let policy = keep(policy, &mut faults).unwrap_or_default();
+        let policy = draft.policy.as_ref().map(Policy::checked).transpose();
+        let policy = keep(policy, &mut faults).flatten();
 
         let under_rule = |found: Vec<Fault>| {
             found
@@ -299,6 +296,7 @@ impl Scope {
 
         match (pair, rule, unit) {
             (Some(pair), Some(rule), Ok(unit)) if faults.is_empty() => {
+                let policy = policy.unwrap_or_else(|| Policy::unless_exploring(&rule.exploration));
                 let segments = (!draft.segments.is_empty()).then_some(segments);
                 let unit = unit.unwrap_or(rule.unit);
                 Ok(Self {
@@ -390,7 +388,7 @@ fn each<T>(
         // Not every face can tell which of the two lists was meant.
         return Err(vec![Fault::new(
             "/states",
-            format!("got none, expected 1 to {MOST_STATES} states or keys"),
+            format!("got none, expected 1 to {MOST_STATES} states or keys, or regions"),
         )]);
     }
     if drafts.len() > MOST_STATES {

@@ -53,13 +53,7 @@ impl RegionQuestion {
         let (coordinates, mut faults) = (environment.coordinates(), Vec::new());
         let scope = keep(Scope::check(environment, &draft.pair), &mut faults);
         let regions = keep(regions(&draft.states, &coordinates), &mut faults);
-        let grain = match draft.features.is_empty() {
-            true => Some(None),
-            false => keep(
-                Grain::checked(&draft.features, &coordinates).map(Some),
-                &mut faults,
-            ),
-        };
+        let grain = keep(grain(&draft.features, &coordinates), &mut faults);
         let view = parse(draft.view.as_deref(), "/view", &mut faults);
         faults.extend(of_states_alone(draft));
 
@@ -79,6 +73,15 @@ impl RegionQuestion {
             view,
         })
     }
+}
+
+/// Returns the grain of these features; `None` where it leaves nothing out.
+fn grain(features: &[String], coordinates: &Coordinates) -> Result<Option<Grain>, Vec<Fault>> {
+    if features.is_empty() {
+        return Ok(None);
+    }
+    let grain = Grain::checked(features, coordinates)?;
+    Ok(Some(grain).filter(|grain| !grain.left_out().is_empty()))
 }
 
 fn regions(draft: &StatesDraft, coordinates: &Coordinates) -> Result<Vec<Region>, Vec<Fault>> {
@@ -114,11 +117,6 @@ fn of_states_alone(draft: &QuestionDraft) -> impl Iterator<Item = Fault> {
             draft.visits_to_decide,
             "/visits_to_decide",
             "that is asked of states alone",
-        ),
-        (
-            draft.pair.policy.is_some(),
-            "/policy",
-            "they are asked about by the habits that were seen",
         ),
     ];
     let faults = asked.into_iter().filter(|(is_asked, ..)| *is_asked);

@@ -3,7 +3,7 @@
 use std::f64::consts::LN_2;
 use std::fmt;
 
-use super::{Estimator, Estimators, RuleDraft};
+use super::{Estimator, Estimators, Label, RuleDraft};
 use crate::error::Fault;
 use crate::information::Alphabet;
 
@@ -98,7 +98,7 @@ pub enum Threshold {
 
 /// How figures become a verdict, as it was written: for every pair of an environment. The parts
 /// that a kind does not use are kept, so that switching back loses nothing.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct WrittenRule {
     /// Which rule decides.
     pub kind: RuleKind,
@@ -112,6 +112,9 @@ pub struct WrittenRule {
     pub confidence: f64,
     /// What answers tell beside the plug-in, unless a question names others. They decide nothing.
     pub estimators: Estimators,
+    /// Segments in which agents explored, each once and in order: what they did there weighs
+    /// nothing, unless a question names a policy.
+    pub exploration: Vec<Label>,
 }
 
 impl fmt::Display for WrittenRule {
@@ -203,6 +206,7 @@ impl From<Rule> for WrittenRule {
             min_visits,
             confidence,
             estimators,
+            exploration: Vec::new(),
         }
     }
 }
@@ -225,6 +229,7 @@ impl WrittenRule {
             min_visits,
             confidence,
             estimators,
+            ..
         } = *self;
 
         let (threshold, unit) = match threshold {
@@ -267,11 +272,11 @@ impl WrittenRule {
 
     /// Returns this rule with the parts of `draft` that were given; a unit given alone converts the
     /// threshold. Lists every fault.
-    pub fn merged(self, draft: &RuleDraft) -> Result<Self, Vec<Fault>> {
+    pub fn merged(&self, draft: &RuleDraft) -> Result<Self, Vec<Fault>> {
         let mut faults = Vec::new();
         let kind = parsed(&draft.kind, "/kind", &mut faults).unwrap_or(self.kind);
-        let base =
-            parsed(&draft.unit, "/unit", &mut faults).map_or(self, |unit| self.in_unit(unit));
+        let base = parsed(&draft.unit, "/unit", &mut faults);
+        let base = base.map_or_else(|| self.clone(), |unit| self.in_unit(unit));
         let threshold = threshold(draft, &mut faults).unwrap_or(base.threshold);
 
         let min_visits = draft.min_visits.unwrap_or(base.min_visits);
@@ -290,6 +295,8 @@ impl WrittenRule {
             ));
         }
         let estimators = estimators(draft, &mut faults).unwrap_or(self.estimators);
+        let exploration =
+            exploration(draft, &mut faults).unwrap_or_else(|| self.exploration.clone());
 
         let rule = Self {
             kind,
@@ -298,6 +305,7 @@ impl WrittenRule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         };
 
         if faults.is_empty() {
@@ -307,7 +315,7 @@ impl WrittenRule {
         }
     }
 
-    fn in_unit(self, unit: Unit) -> Self {
+    fn in_unit(&self, unit: Unit) -> Self {
         let threshold = match self.threshold {
             Threshold::Information(threshold) if unit != self.unit => {
                 Threshold::Information(unit.from_nats(threshold * self.unit.in_nats()))
@@ -318,7 +326,7 @@ impl WrittenRule {
         Self {
             threshold,
             unit,
-            ..self
+            ..self.clone()
         }
     }
 }
@@ -374,6 +382,21 @@ fn threshold(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Threshold> {
     Some(Threshold::Share(share + 0.0))
 }
 
+/// Returns the segments of exploration that are named, if a list is given.
+fn exploration(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Vec<Label>> {
+    let named = draft.exploration.as_ref()?;
+    let mut segments: Vec<Label> = Vec::new();
+    for (at, text) in named.iter().enumerate() {
+        match text.parse() {
+            Ok(label) => segments.push(label),
+            Err(detail) => faults.push(Fault::new(format!("/exploration/{at}"), detail)),
+        }
+    }
+    segments.sort_unstable();
+    segments.dedup();
+    Some(segments)
+}
+
 /// Returns the estimators that are named, if a list is given.
 fn estimators(draft: &RuleDraft, faults: &mut Vec<Fault>) -> Option<Estimators> {
     let names = draft.estimators.as_ref()?.iter().enumerate();
@@ -414,7 +437,7 @@ mod tests {
         Alphabet { rows, columns }
     }
 
-    fn merged(base: WrittenRule, draft: RuleDraft) -> WrittenRule {
+    fn merged(base: &WrittenRule, draft: RuleDraft) -> WrittenRule {
         base.merged(&draft).expect("valid")
     }
 
@@ -460,10 +483,10 @@ mod tests {
             unit: Some("bits".into()),
             ..RuleDraft::default()
         };
-        let rule = merged(WrittenRule::default(), draft.clone()).resolved(alphabet((2, 2)));
+        let rule = merged(&WrittenRule::default(), draft.clone()).resolved(alphabet((2, 2)));
         assert!((rule.threshold - 0.5 / LN_2).abs() < 1e-15);
         assert!((rule.threshold_nats() - 0.5).abs() < 1e-15);
-        let rule = merged(merged(WrittenRule::default(), share(0.25)), draft);
+        let rule = merged(&merged(&WrittenRule::default(), share(0.25)), draft);
         assert_eq!(
             (rule.threshold, rule.unit),
             (Threshold::Share(0.25), Unit::Bits)
@@ -472,7 +495,7 @@ mod tests {
 
     #[test]
     fn a_threshold_is_in_the_unit_given_with_it() {
-        let rule = merged(WrittenRule::default(), threshold(1.0, Some("bits")));
+        let rule = merged(&WrittenRule::default(), threshold(1.0, Some("bits")));
         assert_eq!(
             (rule.threshold, rule.unit),
             (Threshold::Information(1.0), Unit::Bits)
@@ -481,14 +504,14 @@ mod tests {
 
     #[test]
     fn a_share_is_another_figure_for_each_pair() {
-        let rule = merged(WrittenRule::default(), share(0.5));
+        let rule = merged(&WrittenRule::default(), share(0.5));
         for (pair, most) in PAIRS.iter().zip([2.0_f64, 3.0, 256.0, 1.0]) {
             assert!(
                 (rule.resolved(alphabet(*pair)).threshold_nats() - 0.5 * most.ln()).abs() < 1e-15
             );
         }
         let bits = merged(
-            rule,
+            &rule,
             RuleDraft {
                 unit: Some("bits".into()),
                 ..share(0.5)
@@ -522,13 +545,13 @@ mod tests {
 
     #[test]
     fn of_threshold_and_share_the_later_one_counts() {
-        let by_share = merged(WrittenRule::default(), share(0.5));
+        let by_share = merged(&WrittenRule::default(), share(0.5));
         assert_eq!(by_share.threshold, Threshold::Share(0.5));
         assert_eq!(
-            merged(by_share, threshold(0.1, None)).threshold,
+            merged(&by_share, threshold(0.1, None)).threshold,
             Threshold::Information(0.1)
         );
-        assert_eq!(merged(by_share, RuleDraft::default()), by_share);
+        assert_eq!(merged(&by_share, RuleDraft::default()), by_share);
         let both = RuleDraft {
             share: Some(0.5),
             ..threshold(0.1, None)
@@ -542,7 +565,7 @@ mod tests {
     #[test]
     fn what_no_pair_can_have_is_beyond_reach() {
         let reach = |draft: RuleDraft, pair| {
-            merged(WrittenRule::default(), draft).within_reach(alphabet(pair))
+            merged(&WrittenRule::default(), draft).within_reach(alphabet(pair))
         };
         let fault = reach(threshold(0.8, None), (2, 2)).expect_err("ln 2 is less");
         assert_eq!(fault.pointer, "/threshold");
@@ -592,6 +615,7 @@ mod tests {
             min_visits: Some(u64::MAX),
             confidence: Some(0.5),
             estimators: Some(vec!["nsb".into(), "bayes".into()]),
+            exploration: Some(vec!["tried".into(), String::new()]),
         };
         assert_eq!(
             pointers(&draft),
@@ -601,7 +625,8 @@ mod tests {
                 "/threshold",
                 "/min_visits",
                 "/confidence",
-                "/estimators/1"
+                "/estimators/1",
+                "/exploration/1"
             ]
         );
     }

@@ -416,7 +416,7 @@ fn chosen(weights: &[f64], point: f64) -> usize {
 
 /// Draws from a Dirichlet distribution, in logarithms: with tiny parameters every gamma variate
 /// would underflow. A parameter of 0 leaves a letter out.
-fn dirichlet(parameters: &[f64], rng: &mut Pcg64) -> Vec<f64> {
+pub(super) fn dirichlet(parameters: &[f64], rng: &mut Pcg64) -> Vec<f64> {
     let variate = |a: &f64| {
         if *a > 0.0 {
             ln_gamma_variate(*a, rng)

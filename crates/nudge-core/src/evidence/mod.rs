@@ -141,7 +141,7 @@ pub use posterior::{BySegment, Posterior};
 pub use prior::Prior;
 pub use region::{RegionPosterior, RegionState, RegionStates};
 pub use region_decision::{decide_region, dependence_in_region};
-pub use under_policy::PolicyPosterior;
+pub use under_policy::{PolicyBelief, PolicyPosterior};
 
 /// The largest alphabet of either variable that posteriors are for: their tables hold every letter
 /// of the columns.

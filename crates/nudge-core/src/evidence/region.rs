@@ -2,16 +2,21 @@
 //! region has a share of dependent states of its own.
 //!
 //! The fit of an environment says which share pi of its states is dependent. A region is asked about
-//! because it may be another kind of place, so its share phi is unknown, Beta(A pi, A (1 - pi)), and
-//! learnt from the Bayes factors of its states. Given phi, states are independent: the probability of
-//! dependence of one is phi B / (1 - phi + phi B), with B = odds(P) / odds(pi) from its own posterior.
-//! With phi held at pi, thousands of rarely seen states would be told what the environment is like,
-//! and as certainly as if they had been counted.
+//! because it may be another kind of place, so its share phi is unknown, Beta(A pi, A (1 - pi)). Given
+//! phi, states are independent: the probability of dependence of one is phi B / (1 - phi + phi B), with
+//! B = odds(P) / odds(pi) from its own posterior.
+//!
+//! phi is learnt from the pooled size of the dependence, which is unbiased under independence however
+//! few visits each state has: a share is likely as far as the mean mutual information that follows from
+//! it agrees with the size. Not from the product of the B: of a state seen three times B is a little
+//! off, as its null is not quite the state's, and a thousand states would multiply that to certainty.
 
+use statrs::function::erf::erfc;
 use statrs::function::gamma::gamma_lr;
 
 use super::decision::Beliefs;
 use super::posterior::Posterior;
+use crate::information::pooled::Pooled;
 
 /// What one state adds to a region.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,6 +73,8 @@ struct AtShare {
     mean: f64,
     /// sum n^2 Var MI.
     variance: f64,
+    /// sum n P times the standard deviation of MI if there is dependence.
+    spread: f64,
 }
 
 /// What is believed of mean mutual information over a region, weighted by visits: a mixture over the
@@ -89,6 +96,11 @@ struct Component {
     variance: f64,
 }
 
+/// How far what is believed of dependent states is off together, in their standard deviations: they
+/// are of one family, which may not be the right one.
+const TOGETHER: f64 = 0.5;
+/// Half the standard normal quantiles of a 95 % interval apart.
+const NORMAL: f64 = 1.959_963_984_540_054;
 /// The concentration of a region's share of dependent states around the environment's: so many
 /// states' worth.
 const CONCENTRATION: f64 = 2.0;
@@ -130,9 +142,17 @@ impl RegionStates {
         }
     }
 
-    /// Returns what is believed of all states together; of none, that mutual information is 0.
-    pub fn posterior(&self) -> RegionPosterior {
-        let weight = |share: &AtShare| share.ln_prior(self.prior) + share.ln_likelihood;
+    /// Returns what is believed of all states together, which show this; `None` of no states.
+    pub fn posterior(&self, pooled: &Pooled) -> Option<RegionPosterior> {
+        if self.states == 0 {
+            return None;
+        }
+        // One state has said by itself what it has to say, the size of its own table included.
+        let own = 1.0 / self.states as f64;
+        let weight = |share: &AtShare| {
+            let agreement = ln_agreement(pooled, share.mean / self.visits);
+            share.ln_prior(self.prior) + own * share.ln_likelihood + (1.0 - own) * agreement
+        };
         let heaviest = self.shares.iter().map(weight).fold(f64::MIN, f64::max);
         let weights = self
             .shares
@@ -142,13 +162,23 @@ impl RegionStates {
 
         let weighed = self.shares.iter().zip(weights.map(|weight| weight / total));
         let heavy = weighed.clone().filter(|(_, weight)| *weight > LIGHTEST);
-        let components = heavy.map(|(share, weight)| share.component(weight, self.visits.max(1.0)));
+        let components = heavy.map(|(share, weight)| share.component(weight, self.visits));
         let dependent = |(share, weight): (&AtShare, f64)| weight * share.dependent;
-        RegionPosterior {
+        Some(RegionPosterior {
             components: components.collect(),
-            dependent_share: weighed.map(dependent).sum::<f64>() / self.visits.max(1.0),
-        }
+            dependent_share: weighed.map(dependent).sum::<f64>() / self.visits,
+        })
     }
+}
+
+/// Returns the log-likelihood of mean mutual information by the size, but for a constant; 0 where the
+/// strata tell no size.
+fn ln_agreement(pooled: &Pooled, mean: f64) -> f64 {
+    let Some([low, high]) = pooled.size_interval else {
+        return 0.0;
+    };
+    let deviation = (0.5 * (high - low) / NORMAL).max(f64::MIN_POSITIVE);
+    -0.5 * ((pooled.size - mean) / deviation).powi(2)
 }
 
 impl AtShare {
@@ -160,12 +190,12 @@ impl AtShare {
             dependent: 0.0,
             mean: 0.0,
             variance: 0.0,
+            spread: 0.0,
         }
     }
 
     fn add(&mut self, visits: f64, ln_bayes_factor: f64, state: RegionState) {
         let ln_odds = self.ln_odds + ln_bayes_factor;
-        // ln(1 - phi + phi B) = softplus(ln odds of dependence) - softplus(ln odds of phi)
         let ln_normalised = softplus(ln_odds);
         let dependent = (ln_odds - ln_normalised).exp();
         let square = state.mean * state.mean + state.deviation * state.deviation;
@@ -176,6 +206,7 @@ impl AtShare {
         self.mean += visits * dependent * state.mean;
         self.variance +=
             visits * visits * dependent * (square - dependent * state.mean * state.mean);
+        self.spread += visits * dependent * state.deviation;
     }
 
     /// Returns the log-density of Beta(A pi, A (1 - pi)) over ln odds, but for a constant.
@@ -185,7 +216,9 @@ impl AtShare {
     }
 
     fn component(&self, weight: f64, visits: f64) -> Component {
-        let (mean, variance) = (self.mean / visits, self.variance / (visits * visits));
+        let mean = self.mean / visits;
+        let together = TOGETHER * self.spread / visits;
+        let variance = self.variance / (visits * visits) + together * together;
         let none = self.ln_none.exp();
         let any = (1.0 - none).max(f64::MIN_POSITIVE);
         let mean_of_any = mean / any;
@@ -268,15 +301,16 @@ impl Component {
             return f64::from(self.mean > nats);
         }
         let shape = self.mean * self.mean / self.variance;
-        match shape < MOST_SHAPE {
-            true => 1.0 - gamma_lr(shape, nats * self.mean / self.variance),
-            false => f64::from(self.mean > nats),
+        if shape < NEARLY_NORMAL {
+            return 1.0 - gamma_lr(shape, nats * self.mean / self.variance);
         }
+        let deviations = (nats - self.mean) / self.variance.sqrt().max(f64::MIN_POSITIVE);
+        0.5 * erfc(deviations / std::f64::consts::SQRT_2)
     }
 }
 
-/// Of a larger shape, a gamma distribution is a point.
-const MOST_SHAPE: f64 = 1e8;
+/// Of a larger shape, a gamma distribution is a normal one.
+const NEARLY_NORMAL: f64 = 1e4;
 
 /// Returns ln(1 + e^x).
 fn softplus(x: f64) -> f64 {
@@ -294,11 +328,30 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::information::Alphabet;
+    use crate::information::pooled::Pool;
 
-    fn region(prior: f64, states: impl IntoIterator<Item = RegionState>) -> RegionPosterior {
+    /// Returns what strata of a size show that is known to so much.
+    fn shown(size: f64, deviation: f64) -> Pooled {
+        let none = Pool::new(Alphabet {
+            rows: 2,
+            columns: 2,
+        });
+        Pooled {
+            size,
+            size_interval: Some([size - NORMAL * deviation, size + NORMAL * deviation]),
+            ..none.pooled(1)
+        }
+    }
+
+    fn region(
+        prior: f64,
+        states: impl IntoIterator<Item = RegionState>,
+        shown: &Pooled,
+    ) -> RegionPosterior {
         let mut region = RegionStates::new(prior);
         states.into_iter().for_each(|state| region.add(state));
-        region.posterior()
+        region.posterior(shown).expect("a state")
     }
 
     fn state(visits: u64, dependent: f64) -> RegionState {
@@ -313,7 +366,7 @@ mod tests {
     #[test]
     fn a_region_of_one_state_says_what_the_state_says() {
         for (prior, dependent) in [(0.3, 0.3), (0.3, 0.9), (0.1, 0.02), (0.5, 0.999)] {
-            let told = region(prior, [state(9, dependent)]);
+            let told = region(prior, [state(9, dependent)], &shown(0.0, 0.01));
             for (figure, expected) in [
                 (told.dependent_share(), dependent),
                 (told.any_dependent(), dependent),
@@ -327,33 +380,45 @@ mod tests {
 
     #[test]
     fn a_region_without_visits_has_none() {
-        let told = region(0.4, [state(0, 0.9)]);
-        assert_eq!((told.mean(), told.dependent_share()), (0.0, 0.0));
-        assert_eq!(told.interval(), [0.0, 0.0]);
-        assert_eq!(told.above(0.1), 0.0);
+        let mut region = RegionStates::new(0.4);
+        region.add(state(0, 0.9));
+        assert_eq!(region.posterior(&shown(0.0, 0.1)), None);
     }
 
     #[test]
-    fn what_each_state_hints_at_is_certain_of_many() {
-        // A state alone has odds of two to one; nine of ten hint at dependence.
-        let hints = (0..1_000).map(|at| state(5, if at % 10 == 0 { 0.33 } else { 0.5 }));
-        let told = region(0.33, hints);
-        assert!(told.dependent_share() > 0.9, "{told:?}");
+    fn a_region_is_as_dependent_as_its_strata_show_whatever_each_state_hints_at() {
+        let hints = |p: f64| (0..1_000).map(move |_| state(3, p));
+        for hint in [0.3, 0.4] {
+            let told = region(0.33, hints(hint), &shown(0.36, 0.01));
+            assert!(told.dependent_share() > 0.85, "{told:?}");
+            assert!((told.mean() - 0.36).abs() < 0.02, "{told:?}");
 
-        let against = (0..1_000).map(|_| state(5, 0.3));
-        let told = region(0.33, against);
-        assert!(told.dependent_share() < 0.05, "{told:?}");
+            let told = region(0.33, hints(hint), &shown(0.0, 0.01));
+            assert!(
+                told.dependent_share() < 0.05 && told.interval()[0] < 0.01,
+                "{told:?}"
+            );
+        }
+
+        // Strata that tell no size leave what was believed before.
+        let nothing = Pooled {
+            size_interval: None,
+            ..shown(0.0, 1.0)
+        };
+        let told = region(0.33, hints(0.33), &nothing);
+        assert!((told.dependent_share() - 0.33).abs() < 0.02, "{told:?}");
     }
 
     #[test]
     fn visits_weigh_states() {
-        let told = region(0.5, [state(90, 1.0), state(10, 0.0)]);
+        let told = region(0.5, [state(90, 1.0), state(10, 0.0)], &shown(0.3, 0.1));
         assert!((told.dependent_share() - 0.9).abs() < 1e-3, "{told:?}");
         assert!((told.mean() - 0.36).abs() < 1e-3, "{told:?}");
     }
 
     /// Each state shows a normal variable, of mean 1 where it is dependent and else 0; its MI is
-    /// uniform in .2 to .6 and not seen. Regions differ in their share of dependent states.
+    /// uniform in .2 to .6 and not seen. Regions differ in their share of dependent states, and their
+    /// size is known to .05.
     #[test]
     fn intervals_hold_what_they_say_and_means_are_unbiased() {
         const REGIONS: u32 = 400;
@@ -381,12 +446,13 @@ mod tests {
                     deviation: 0.4 / 12.0_f64.sqrt(),
                 });
             }
-            let told = region.posterior();
+            let size = truth + 0.05 * normal(&mut random);
+            let told = region.posterior(&shown(size, 0.05)).expect("states");
             let [low, high] = told.interval();
             held += u32::from(low <= truth && truth <= high);
             error += (told.mean() - truth) / f64::from(REGIONS);
         }
-        assert!((340..=380).contains(&held), "{held} of {REGIONS}");
+        assert!((345..=395).contains(&held), "{held} of {REGIONS}");
         assert!(error.abs() < 0.01, "{error}");
     }
 }

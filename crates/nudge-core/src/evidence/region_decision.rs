@@ -6,13 +6,16 @@ use super::region::RegionPosterior;
 use crate::domain::{Dependence, Rule, RuleKind, Verdict};
 use crate::information::pooled::Pooled;
 
+/// The largest p-value of a test that finds dependence, whatever the rule's confidence.
+const FOUND: f64 = 0.01;
+
 /// Returns the verdict of a rule on a region with these visits, by what its strata show together, in
 /// nats, and what is believed of mean mutual information there.
 ///
 /// The paper's rule looks at the plug-in of the strata. The evidence rule asks for the posterior
 /// probability that it asks for in a state, and that the counts agree by themselves, since over
 /// thousands of rarely seen states the prior alone may be certain: that the pooled test finds
-/// dependence (`influences`), or that the size's confidence interval ends below the threshold
+/// dependence at .01 (`influences`), or that the size's confidence interval ends below the threshold
 /// (`no_influence`), and the further below the smaller the share of draws that the size stands on.
 pub fn decide_region(
     rule: &Rule,
@@ -23,16 +26,16 @@ pub fn decide_region(
     if rule.kind == RuleKind::Paper {
         return decide(rule, visits, pooled.plug_in, None);
     }
-    let (threshold, level) = (rule.threshold_nats(), 1.0 - rule.confidence);
+    let threshold = rule.threshold_nats();
     let (Some(posterior), Some([_, largest])) = (posterior, pooled.size_interval) else {
         return Verdict::Undecided;
     };
 
     let above = posterior.above(threshold);
     let lowered = threshold * (2.0 * pooled.share).min(1.0);
-    if above >= rule.confidence && pooled.p_value <= level && pooled.excess > 0.0 {
+    if above >= rule.confidence && pooled.p_value <= FOUND && pooled.excess > 0.0 {
         Verdict::Influences
-    } else if above <= level && largest < lowered {
+    } else if 1.0 - above >= rule.confidence && largest < lowered {
         Verdict::NoInfluence
     } else {
         Verdict::Undecided

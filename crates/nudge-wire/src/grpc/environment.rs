@@ -252,8 +252,10 @@ impl From<proto::Rule> for RuleDraft {
             min_visits,
             confidence,
             estimators,
+            exploration,
         } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
+        let exploration = exploration.map(|list| list.segments);
         Self {
             kind,
             threshold,
@@ -262,6 +264,7 @@ impl From<proto::Rule> for RuleDraft {
             min_visits,
             confidence,
             estimators,
+            exploration,
         }
     }
 }
@@ -276,8 +279,10 @@ impl From<RuleDraft> for proto::Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         } = draft;
         let estimators = estimators.map(|names| proto::EstimatorList { names });
+        let exploration = exploration.map(|segments| proto::SegmentList { segments });
         Self {
             kind,
             threshold,
@@ -286,6 +291,7 @@ impl From<RuleDraft> for proto::Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         }
     }
 }
@@ -310,6 +316,9 @@ impl From<WrittenRule> for proto::Rule {
                     .map(|estimator| estimator.as_str().into())
                     .collect(),
             }),
+            exploration: (!rule.exploration.is_empty()).then(|| proto::SegmentList {
+                segments: rule.exploration.iter().map(ToString::to_string).collect(),
+            }),
         }
     }
 }
@@ -321,7 +330,7 @@ impl From<&Environment> for proto::Environment {
             uid: environment.uid.to_string(),
             schema_hash: environment.schema.hash().0.to_vec(),
             schema: Some(environment.schema.draft().into()),
-            rule: Some(environment.rule.into()),
+            rule: Some(environment.rule.clone().into()),
             derived: environment
                 .derived
                 .draft(&environment.schema)

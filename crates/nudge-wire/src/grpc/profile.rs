@@ -65,7 +65,8 @@ impl From<ProfilePoint> for proto::ProfilePoint {
 /// Encodes where an excess lies under independence.
 pub(super) fn null_band(pooled: &Pooled) -> proto::Range {
     let band = BAND * pooled.excess_deviation;
-    [-band, band].into()
+    // Not a negative zero.
+    [0.0 - band, band].into()
 }
 
 impl From<[f64; 2]> for proto::Range {

@@ -49,6 +49,7 @@ impl Parameters {
             min_visits: self.whole("rule.min_visits"),
             confidence: self.number("rule.confidence", "a number"),
             estimators: None,
+            exploration: None,
         }
     }
 

@@ -13,7 +13,7 @@ use crate::proto;
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 #[serde(
     deny_unknown_fields,
-    expecting = "an object of kind, threshold or share, unit, min_visits, confidence and estimators"
+    expecting = "an object of kind, threshold or share, unit, min_visits, confidence, estimators and exploration"
 )]
 pub struct Rule {
     /// `evidence` or `paper`.
@@ -54,6 +54,12 @@ pub struct Rule {
     #[serde(skip_serializing_if = "Option::is_none")]
     #[schema(example = json!(["nsb"]), value_type = Option<Vec<words::Estimator>>)]
     pub estimators: Option<Vec<String>>,
+    /// Segments in which agents explored, tried what `.../explore` suggested say: what they did there
+    /// weighs nothing in mutual information, unless a question names a `policy`, while responses are
+    /// by all visits. They need not be there yet. A list replaces the one before.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(example = json!(["exploration"]))]
+    pub exploration: Option<Vec<String>>,
 }
 
 impl From<Rule> for RuleDraft {
@@ -66,6 +72,7 @@ impl From<Rule> for RuleDraft {
             min_visits,
             confidence,
             estimators,
+            exploration,
         } = rule;
         Self {
             kind,
@@ -75,6 +82,7 @@ impl From<Rule> for RuleDraft {
             min_visits,
             confidence,
             estimators,
+            exploration,
         }
     }
 }
@@ -89,6 +97,7 @@ impl From<RuleDraft> for Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         } = draft;
         Self {
             kind,
@@ -98,6 +107,7 @@ impl From<RuleDraft> for Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         }
     }
 }
@@ -112,8 +122,10 @@ impl From<proto::Rule> for Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         } = rule;
         let estimators = estimators.map(|estimators| estimators.names);
+        let exploration = exploration.map(|list| list.segments);
         Self {
             kind,
             threshold,
@@ -122,6 +134,7 @@ impl From<proto::Rule> for Rule {
             min_visits,
             confidence,
             estimators,
+            exploration,
         }
     }
 }

@@ -26,6 +26,46 @@ impl Ratio {
     }
 }
 
+/// Sums over clusters whose parts come together, one cluster after the other: there may be millions.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Consecutive {
+    last: Option<u64>,
+    open: Ratio,
+    clusters: u64,
+    /// Of the clusters before: sum y^2, sum x y, sum x^2.
+    squares: [f64; 3],
+}
+
+impl Consecutive {
+    pub fn add(&mut self, cluster: u64, part: Ratio) {
+        if self.last != Some(cluster) {
+            self.squares = self.closed();
+            self.open = Ratio::default();
+            self.last = Some(cluster);
+            self.clusters += 1;
+        }
+        self.open.add(part);
+    }
+
+    /// Returns how many clusters there are.
+    pub fn len(&self) -> u64 {
+        self.clusters
+    }
+
+    /// Returns sqrt(sum_c (y_c - theta x_c)^2) / sum x of a ratio theta = sum y / sum x.
+    pub fn deviation(&self, whole: Ratio) -> f64 {
+        let (theta, [above, both, below]) = (whole.value(), self.closed());
+        let squares = above - 2.0 * theta * both + theta * theta * below;
+        squares.max(0.0).sqrt() / whole.below
+    }
+
+    fn closed(&self) -> [f64; 3] {
+        let Ratio { above, below } = self.open;
+        let [y, xy, x] = self.squares;
+        [y + above * above, xy + above * below, x + below * below]
+    }
+}
+
 /// The sums of each cluster.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Clusters(BTreeMap<u64, Ratio>);

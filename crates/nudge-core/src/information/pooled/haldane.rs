@@ -29,6 +29,45 @@ impl PearsonSquare {
     }
 }
 
+/// Visits for each pair of occupied lines from which a table tells its sampling variance.
+const OFTEN: u64 = 5;
+
+/// Returns the variance of X^2 = N phi^2 were the same visits drawn again, by the delta method:
+///
+/// N [sum_ij p_ij g_ij^2 - (sum_ij p_ij g_ij)^2], g_ij = 2 a_ij - sum_k p_k|i a_ik - sum_k p_k|j a_kj
+///
+/// with a_ij = p_ij / (p_i p_j) (Bishop, Fienberg & Holland 1975, section 11.3). Next to independence
+/// it is 0, and the exact variance under independence is what there is; of tables that were seldom
+/// seen it knows nothing, and is 0 too.
+pub(super) fn sampling_variance(table: &Table) -> f64 {
+    let [rows, columns] = [table.rows(), table.columns()];
+    if table.total() < OFTEN * (rows.len() * columns.len()) as u64 {
+        return 0.0;
+    }
+
+    let n = table.total() as f64;
+    let ratio = |row: usize, column: usize, count: u64| {
+        count as f64 / rows[row] as f64 * (n / columns[column] as f64)
+    };
+    let cells = table.cells().iter().map(|cell| {
+        let (row, column) = (cell.row as usize, cell.column as usize);
+        (row, column, cell.n as f64, ratio(row, column, cell.n))
+    });
+
+    let (mut by_row, mut by_column) = (vec![0.0; rows.len()], vec![0.0; columns.len()]);
+    for (row, column, count, a) in cells.clone() {
+        by_row[row] += count / rows[row] as f64 * a;
+        by_column[column] += count / columns[column] as f64 * a;
+    }
+    let (mut first, mut second) = (0.0, 0.0);
+    for (row, column, count, a) in cells {
+        let gradient = 2.0 * a - by_row[row] - by_column[column];
+        first += count / n * gradient;
+        second += count / n * gradient * gradient;
+    }
+    n * (second - first * first).max(0.0)
+}
+
 /// X^2 = N (sum_ij n_ij^2 / (r_i c_j) - 1), as a sum of (n - e)^2 / e over all cells: those without
 /// a visit have e each, N less the e of the others together.
 fn value(table: &Table) -> f64 {

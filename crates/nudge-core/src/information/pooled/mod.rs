@@ -138,7 +138,8 @@ impl Pool {
         }
     }
 
-    /// Adds a stratum; one without visits changes nothing.
+    /// Adds a stratum; one without visits changes nothing. The strata of a state come one after the
+    /// other: what comes later counts as another state's.
     ///
     /// # Panics
     ///
@@ -172,8 +173,9 @@ impl Pool {
     /// - The size is 1/2 sum (X_s^2 - E_0) / sum N_s kappa_s of Pearson's X^2 and its exact mean
     ///   and variance under independence (Haldane 1940), with kappa_s = min(1, Var_0(X_s^2) / 2
     ///   df_s): near independence each X_s^2 exceeds its mean by 2 N_s I_s kappa_s.
-    /// - Intervals: size +- 1.96 times the larger of its standard deviation under independence and
-    ///   that clustered by state; on new segments +- the largest of these and t(G - 1) times that
+    /// - Intervals: size +- 1.96 times the larger of its standard deviation by strata (under
+    ///   independence, with what sampling adds in strata that were seen often) and that clustered by
+    ///   state; on new segments +- the largest of these and t(G - 1) times that
     ///   clustered by segment, G = 1 / sum u_g^2 with u_g the shares of the effective visits.
     pub fn pooled(&self, seed: u64) -> Pooled {
         let visits = self.visits as f64;

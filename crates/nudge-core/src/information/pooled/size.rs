@@ -3,8 +3,8 @@
 
 use statrs::distribution::{ContinuousCDF, StudentsT};
 
-use super::clusters::{Clusters, Ratio};
-use super::haldane::PearsonSquare;
+use super::clusters::{Clusters, Consecutive, Ratio};
+use super::haldane::{PearsonSquare, sampling_variance};
 use super::stratum::Stratum;
 
 /// Half the standard normal quantiles of a 95 % interval apart.
@@ -18,7 +18,9 @@ pub(super) struct Sizes {
     whole: Ratio,
     /// Of 1/2 sum X^2, under independence.
     variance: f64,
-    states: Clusters,
+    /// Of the same by sampling, in strata that were seen often, beyond independence.
+    sampling: f64,
+    states: Consecutive,
     segments: Clusters,
 }
 
@@ -31,6 +33,7 @@ impl Sizes {
             part.above = (square.value - square.mean) / 2.0;
             part.below = stratum.table.total() as f64 * kappa;
             self.variance += square.variance / 4.0;
+            self.sampling += sampling_variance(stratum.table) / 4.0;
         }
 
         self.whole.add(part);
@@ -67,8 +70,8 @@ impl Sizes {
     }
 
     fn half_width(&self) -> f64 {
-        let null = self.variance.sqrt() / self.whole.below;
-        NORMAL * null.max(self.states.deviation(self.whole))
+        let of_strata = (self.variance + self.sampling).sqrt() / self.whole.below;
+        NORMAL * of_strata.max(self.states.deviation(self.whole))
     }
 
     fn about(&self, half_width: f64) -> [f64; 2] {
