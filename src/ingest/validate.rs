@@ -64,10 +64,10 @@ struct Sum<'a> {
     /// The states so far, where states are listed; `None` where they are ranked.
     listed: Option<Listed>,
     cells: Vec<(u64, u64, Tally)>,
-    /// The cells of each outcome's family; none where nothing was observed.
-    outcomes: Vec<Vec<(u64, u64, Tally)>>,
-    /// The records of the block at hand that are counted: lane, state and tally.
-    counted: Vec<(usize, u64, Tally)>,
+    /// The cell of each outcome's family beside each of these; no columns where nothing was observed.
+    outcomes: Vec<Vec<u64>>,
+    /// The records of the block at hand that are counted, by their lanes.
+    counted: Vec<usize>,
     transitions: u64,
 }
 
@@ -85,6 +85,7 @@ struct Block {
 impl<'a> Sum<'a> {
     fn new(schema: &'a Schema, records: &'a Records, tracks: &'a mut Tracks) -> Self {
         let listed = || Listed::with_room_for(records.len.min(USUAL_STATES));
+        let column = |_| Vec::with_capacity(records.len);
         Self {
             schema,
             widths: Widths::of_schema(schema),
@@ -92,7 +93,7 @@ impl<'a> Sum<'a> {
             tracks,
             listed: (!schema.is_ranked()).then(listed),
             cells: Vec::with_capacity(records.len),
-            outcomes: vec![Vec::with_capacity(records.len); records.observed(schema)],
+            outcomes: (0..records.observed(schema)).map(column).collect(),
             counted: Vec::with_capacity(Numbers::LANES),
             transitions: 0,
         }
@@ -134,7 +135,7 @@ impl<'a> Sum<'a> {
         self.transitions = sum;
         let tally = Tally { n, entries };
         self.cells.push((state, joint, tally));
-        self.counted.push((lane, state, tally));
+        self.counted.push(lane);
         Ok(())
     }
 
@@ -144,10 +145,8 @@ impl<'a> Sum<'a> {
         if !self.outcomes.is_empty() {
             let found = self.schema.outcome_cells(&block.joints, &block.outcomes);
             for (cells, found) in self.outcomes.iter_mut().zip(&found) {
-                let cell = |(lane, state, tally): &(usize, u64, Tally)| {
-                    Some((*state, found.get(*lane)?, *tally))
-                };
-                cells.extend(self.counted.iter().filter_map(cell));
+                let lanes = self.counted.iter();
+                cells.extend(lanes.map(|lane| found.get_or_missing(*lane)));
             }
         }
         self.counted.clear();

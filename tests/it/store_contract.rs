@@ -2038,7 +2038,7 @@ async fn a_cell_that_no_outcome_has_is_damage(database: &dyn Database) {
     let (store, id) = open(database).await;
     let mut beyond = batch(id, "a", 1).cell(1, 1, tally(1, 1)).done();
     // A family and a cell that the schema does not have, which no valid batch adds.
-    beyond.increment.outcomes[1][0].1 = 1 << 40;
+    beyond.increment.outcomes[1][0] = 1 << 40;
     commit(&store, &[beyond]).await;
     assert!(store.counts(id, &[state_at(1)]).await.is_err());
     let audits = store.audit().await.expect("an audit");

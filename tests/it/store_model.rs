@@ -244,17 +244,12 @@ fn named(batch: &Numbered) -> Vec<(CellName, Tally)> {
     // The rank of a state of one feature.
     let place = |rank: u64| PLACED.iter().position(|place| u64::from(*place) == rank);
     let mut named = Vec::new();
-    for (family, cells) in batch.increment.families() {
-        let name = |(rank, cell, tally): &(u64, u64, Tally)| {
-            let name = (
-                place(*rank)? as u32,
-                segment.clone(),
-                family.number(),
-                *cell,
-            );
-            Some((name, *tally))
+    for family in batch.increment.families() {
+        let name = |(rank, cell, tally): (u64, u64, Tally)| {
+            let name = (place(rank)? as u32, segment.clone(), family.number(), cell);
+            Some((name, tally))
         };
-        named.extend(cells.iter().filter_map(name));
+        named.extend(batch.increment.of_family(family).filter_map(name));
     }
     named
 }

@@ -1,9 +1,7 @@
 //! Merging of a group commit: equal cells of all its batches are added together, so that each is
 //! written once. They are gathered as they come, and sorted now and then.
 
-use std::sync::Arc;
-
-use super::order::{At, Part, Sorted};
+use super::order::{Part, Sorted, side_by_side, sorted};
 use crate::domain::{Family, Increment, Label, StateKey, States, Tally};
 use crate::store::map::Map;
 
@@ -37,10 +35,11 @@ pub(in crate::store) struct Merged<'a> {
     listed: Vec<&'a StateKey>,
     positions: Map<&'a StateKey, u64>,
     segments: Vec<&'a str>,
-    cells: Sorted,
+    /// By the numbers of families.
+    cells: Vec<Sorted>,
     /// What is not in `cells` yet.
     parts: Vec<Part<'a>>,
-    /// How many cells that is.
+    /// How many cells that is, at most.
     unsorted: usize,
     transitions: u64,
 }
@@ -55,36 +54,40 @@ impl<'a> Merged<'a> {
 
         self.transitions += increment.transitions;
         let segment = self.number_of_segment(stored_label(increment.segment.as_ref()));
-        let numbers: Option<Arc<[u64]>> = match &increment.states {
+        let numbers: Option<Box<[u64]>> = match &increment.states {
             States::Ranked => None,
             States::Listed(keys) => {
                 Some(keys.iter().map(|key| self.number_of_state(key)).collect())
             }
         };
-        self.unsorted += increment.len();
-        for (family, cells) in increment.families() {
-            self.parts.push(Part {
-                cells,
-                segment,
-                family: family.number(),
-                numbers: numbers.clone(),
-            });
-        }
+        self.unsorted += increment.most_cells();
+        self.parts.push(Part {
+            increment,
+            segment,
+            numbers,
+        });
 
         // As many as there are, so that those that are different are not merged again and again.
-        if self.unsorted >= UNSORTED.max(self.cells.len()) {
+        if self.unsorted >= UNSORTED.max(self.len()) {
             self.settle();
         }
     }
 
     /// Adds equal cells together.
     fn settle(&mut self) {
-        if self.unsorted > 0 {
-            let parts = std::mem::take(&mut self.parts);
-            let sorted = Sorted::of(&parts, self.transitions);
-            self.cells = std::mem::take(&mut self.cells).merged(sorted);
-            self.unsorted = 0;
+        let parts = std::mem::take(&mut self.parts);
+        self.unsorted = 0;
+        for (family, more) in sorted(&parts, self.transitions).into_iter().enumerate() {
+            match self.cells.get_mut(family) {
+                Some(cells) => *cells = std::mem::take(cells).merged(more),
+                None => self.cells.push(more),
+            }
         }
+    }
+
+    /// Returns how many cells are sorted.
+    fn len(&self) -> usize {
+        self.cells.iter().map(Sorted::len).sum()
     }
 
     fn number_of_state(&mut self, key: &'a StateKey) -> u64 {
@@ -120,7 +123,13 @@ impl<'a> Merged<'a> {
 
     /// Returns a bound of the number of cells, which costs nothing.
     pub(super) fn most_cells(&self) -> usize {
-        self.cells.len() + self.unsorted
+        self.len() + self.unsorted
+    }
+
+    /// Returns how many cells there are.
+    pub(super) fn count_cells(&mut self) -> usize {
+        self.settle();
+        self.len()
     }
 
     /// Returns the sum of all visits.
@@ -129,10 +138,10 @@ impl<'a> Merged<'a> {
     }
 
     /// Returns every cell by its names, each once.
-    pub(super) fn cells(&mut self) -> impl ExactSizeIterator<Item = CellName<'a>> {
+    pub(super) fn cells(&mut self) -> impl Iterator<Item = CellName<'a>> {
         self.settle();
-        let cells = self.cells.iter();
-        cells.map(|((state, segment, family, joint), _)| CellName {
+        let cells = side_by_side(&self.cells);
+        cells.map(|(family, (state, segment, joint), _)| CellName {
             state: name(&self.listed, state),
             segment: self.segments[segment as usize],
             family: Family::from_number(family),
@@ -145,16 +154,17 @@ impl<'a> Merged<'a> {
         self.settle();
         let segment = stored_label(increment.segment.as_ref());
         let listed: Vec<&StateKey> = increment.states.listed().iter().collect();
-        let named = |family, (state, joint, _): &(u64, u64, Tally)| CellName {
-            state: name(&listed, *state),
+        let named = |family, (state, joint, _): (u64, u64, Tally)| CellName {
+            state: name(&listed, state),
             segment,
             family,
-            joint: *joint,
+            joint,
         };
 
-        let mut absent = Vec::with_capacity(increment.len());
-        for (family, cells) in increment.families() {
-            absent.extend(cells.iter().map(|cell| named(family, cell)));
+        let mut absent = Vec::with_capacity(increment.most_cells());
+        for family in increment.families() {
+            let cells = increment.of_family(family);
+            absent.extend(cells.map(|cell| named(family, cell)));
         }
         absent.retain(|cell| !self.has(cell));
         absent.sort_unstable();
@@ -172,18 +182,21 @@ impl<'a> Merged<'a> {
             .iter()
             .position(|label| *label == cell.segment);
         state.zip(segment).is_some_and(|(state, segment)| {
-            let place = (state, segment as u32, cell.family.number(), cell.joint);
-            self.cells.has(place)
+            let cells = self.cells.get(cell.family.number() as usize);
+            cells.is_some_and(|cells| cells.has((state, segment as u32, cell.joint)))
         })
     }
 
     /// Returns the tallies by the numbers of state, segment and family, and the family's cell, each
-    /// once and in this order; they are here no longer.
-    pub(in crate::store) fn take_cells(
+    /// once and in this order.
+    pub(in crate::store) fn tallies(
         &mut self,
-    ) -> impl ExactSizeIterator<Item = (At, Tally)> + use<> {
+    ) -> impl Iterator<Item = ((u64, u32, u32, u64), Tally)> {
         self.settle();
-        std::mem::take(&mut self.cells).into_cells()
+        let cells = side_by_side(&self.cells);
+        cells.map(|(family, (state, segment, joint), tally)| {
+            ((state, segment, family, joint), tally)
+        })
     }
 }
 
@@ -228,7 +241,7 @@ mod tests {
 
         assert!(merged.most_cells() < UNSORTED, "added together on the way");
         assert!(merged.absent(&increments[7]).is_empty());
-        let cells: Vec<(At, Tally)> = merged.take_cells().collect();
+        let cells: Vec<_> = merged.tallies().collect();
         let expected = |i: u64| {
             (
                 (i, 0, 0, i % 2),
@@ -239,6 +252,6 @@ mod tests {
             )
         };
         assert_eq!(cells, (0..3_000).map(expected).collect::<Vec<_>>());
-        assert_eq!((merged.is_empty(), merged.transitions()), (true, 1_200_000));
+        assert_eq!(merged.transitions(), 1_200_000);
     }
 }

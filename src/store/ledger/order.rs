@@ -1,53 +1,58 @@
-//! Radix sort of the cells of several batches by where they are, with equal ones added together.
+//! Radix sort of the cells of several batches by where they are, with equal ones added together:
+//! each family for itself.
 //!
-//! A place and a tally mostly fit into sixteen bytes; sorting these takes, of batches of 1,000
-//! transitions with 12 or 24 outcomes beside them, 24 and 33 ns a cell by one thread, where sorting
-//! positions and merging as the cells come took 112 and 143. With nothing but joint actions, all in
-//! 8,000 cells, it is 21 ns beside 28.
+//! A place and a tally mostly fit into sixteen bytes, and those of one family of a commit into the
+//! processor's cache, where all of them together do not. Families are in the same order of states
+//! and segments, so that reading them side by side gives the order of everything.
 
 use std::iter::Peekable;
-use std::sync::Arc;
-use std::thread::{Builder, scope};
 
-use crate::domain::Tally;
+use crate::domain::{Family, Increment, Tally};
 
-/// A state's number, a segment's, that of a family and a cell of the family.
-pub(super) type At = (u64, u32, u32, u64);
+/// Where a cell of a family is: a state's number, a segment's and the family's cell.
+pub(super) type At = (u64, u32, u64);
 
-/// Below so many cells a comparison sort is faster.
+/// Below so many records a comparison sort is faster.
 const FEW: usize = 256;
-
-/// From so many cells on half of them are worth a thread of their own, which takes some 50 us.
-const MANY: usize = 32_000;
 
 /// Bits that one pass sorts by, at most.
 const DIGIT: u32 = 11;
 
-/// The cells of one family of one batch.
+/// What one batch adds.
 pub(super) struct Part<'a> {
-    pub(super) cells: &'a [(u64, u64, Tally)],
+    pub(super) increment: &'a Increment,
     pub(super) segment: u32,
-    /// The family that the cells are of.
-    pub(super) family: u32,
     /// The numbers of the states that the batch lists; `None` where cells have them themselves.
-    pub(super) numbers: Option<Arc<[u64]>>,
+    pub(super) numbers: Option<Box<[u64]>>,
 }
 
 impl Part<'_> {
     #[inline]
-    fn cell(&self, index: usize) -> (At, Tally) {
-        let (state, joint, tally) = self.cells[index];
+    fn number(&self, state: u64) -> u64 {
         let numbers = self.numbers.as_ref();
-        let state = numbers.map_or(state, |numbers| numbers[state as usize]);
-        ((state, self.segment, self.family, joint), tally)
+        numbers.map_or(state, |numbers| numbers[state as usize])
     }
 
-    pub(super) fn cells(&self) -> impl ExactSizeIterator<Item = (At, Tally)> {
-        (0..self.cells.len()).map(|index| self.cell(index))
+    /// Returns the cells of a family.
+    pub(super) fn cells(&self, family: Family) -> impl Iterator<Item = (At, Tally)> {
+        let cells = self.increment.of_family(family);
+        cells.map(|(state, cell, tally)| ((self.number(state), self.segment, cell), tally))
     }
 }
 
-/// Cells in order of place, each once.
+/// Sorts the cells of batches and returns those of each family. The sum of their visits is at most
+/// `visits`, and that of all that they are ever merged with.
+pub(super) fn sorted(parts: &[Part<'_>], visits: u64) -> Vec<Sorted> {
+    let families = parts.iter().map(|part| part.increment.families());
+    let families = families.max_by_key(ExactSizeIterator::len);
+    let families = families.into_iter().flatten();
+    match Strips::of(parts, visits) {
+        Some(strips) => families.map(|family| strips.sorted(family)).collect(),
+        None => families.map(|family| Sorted::wide(parts, family)).collect(),
+    }
+}
+
+/// Cells of one family in order of place, each once.
 pub(super) enum Sorted {
     /// In few bytes.
     Packed(Packing, Vec<Packed>),
@@ -62,18 +67,11 @@ impl Default for Sorted {
 }
 
 impl Sorted {
-    /// Sorts the cells of batches. The sum of their visits is at most `visits`, and that of all that
-    /// they are ever merged with.
-    pub(super) fn of(parts: &[Part<'_>], visits: u64) -> Self {
-        let len = cells(parts);
-        let packing = (len >= FEW).then(|| Packing::of(parts, visits)).flatten();
-        if let Some(packing) = packing {
-            return Self::Packed(packing, packing.sorted(parts));
-        }
-
-        let mut cells: Vec<(At, Tally)> = parts.iter().flat_map(Part::cells).collect();
+    fn wide(parts: &[Part<'_>], family: Family) -> Self {
+        let cells = parts.iter().flat_map(|part| part.cells(family));
+        let mut cells: Vec<(At, Tally)> = cells.collect();
         cells.sort_unstable_by_key(|(at, _)| *at);
-        Self::Wide(summed(cells.into_iter(), len))
+        Self::Wide(summed(cells.into_iter()))
     }
 
     /// Adds both together.
@@ -81,15 +79,10 @@ impl Sorted {
         match (self, other) {
             (one, none) | (none, one) if none.len() == 0 => one,
             (Self::Packed(packing, a), Self::Packed(other, b)) if packing == other => {
-                Self::Packed(packing, packed_merge(a, b))
+                let both = InOrder::new(a.into_iter(), b.into_iter(), |cell| cell.place);
+                Self::Packed(packing, packed_sums(both.collect()))
             }
-            (a, b) => {
-                let most = a.len() + b.len();
-                Self::Wide(summed(
-                    InOrder::new(a.iter(), b.iter(), |cell| cell.0),
-                    most,
-                ))
-            }
+            (a, b) => Self::Wide(summed(InOrder::new(a.iter(), b.iter(), |cell| cell.0))),
         }
     }
 
@@ -102,10 +95,10 @@ impl Sorted {
     }
 
     #[inline]
-    fn get(&self, index: usize) -> (At, Tally) {
+    fn get(&self, index: usize) -> Option<(At, Tally)> {
         match self {
-            Self::Packed(packing, cells) => packing.unpack(cells[index]),
-            Self::Wide(cells) => cells[index],
+            Self::Packed(packing, cells) => Some(packing.unpack(*cells.get(index)?)),
+            Self::Wide(cells) => cells.get(index).copied(),
         }
     }
 
@@ -122,14 +115,36 @@ impl Sorted {
     }
 
     /// Returns all of them.
-    pub(super) fn iter(&self) -> impl ExactSizeIterator<Item = (At, Tally)> {
-        (0..self.len()).map(|index| self.get(index))
+    pub(super) fn iter(&self) -> impl Iterator<Item = (At, Tally)> {
+        (0..self.len()).map_while(|index| self.get(index))
     }
+}
 
-    /// Takes all of them.
-    pub(super) fn into_cells(self) -> impl ExactSizeIterator<Item = (At, Tally)> {
-        (0..self.len()).map(move |index| self.get(index))
-    }
+/// Returns the cells of families that were sorted together, each with the family's number, in order
+/// of state, segment, family and cell.
+pub(super) fn side_by_side(families: &[Sorted]) -> impl Iterator<Item = (u32, At, Tally)> {
+    let mut next = vec![0; families.len()];
+    let (mut family, mut strip) = (0, None);
+    std::iter::from_fn(move || {
+        loop {
+            // What is observed is observed with a joint action: they have every state and segment.
+            let cells = families.get(family)?;
+            let cell = cells.get(next[family]);
+            let cell = cell.filter(|((state, segment, _), _)| {
+                *strip.get_or_insert((*state, *segment)) == (*state, *segment)
+            });
+            if let Some((at, tally)) = cell {
+                next[family] += 1;
+                return Some((family as u32, at, tally));
+            }
+
+            strip?;
+            family += 1;
+            if family == families.len() {
+                (family, strip) = (0, None);
+            }
+        }
+    })
 }
 
 /// The items of two iterators that are in order, in order.
@@ -160,8 +175,8 @@ impl<I: Iterator, P: Ord, F: Fn(&I::Item) -> P> Iterator for InOrder<I, F> {
 }
 
 /// Adds neighbours together that are the same.
-fn summed(cells: impl Iterator<Item = (At, Tally)>, most: usize) -> Vec<(At, Tally)> {
-    let mut sums: Vec<(At, Tally)> = Vec::with_capacity(most);
+fn summed(cells: impl Iterator<Item = (At, Tally)>) -> Vec<(At, Tally)> {
+    let mut sums: Vec<(At, Tally)> = Vec::with_capacity(cells.size_hint().0);
     for (at, tally) in cells {
         match sums.last_mut() {
             Some((last, sum)) if *last == at => sum.add(tally),
@@ -172,22 +187,15 @@ fn summed(cells: impl Iterator<Item = (At, Tally)>, most: usize) -> Vec<(At, Tal
 }
 
 /// Does the same with packed ones.
-fn packed_sums(cells: impl Iterator<Item = Packed>) -> Vec<Packed> {
-    let mut sums: Vec<Packed> = Vec::with_capacity(cells.size_hint().0);
-    for cell in cells {
-        match sums.last_mut() {
-            Some(sum) if sum.place == cell.place => sum.add(cell),
-            _ => sums.push(cell),
+fn packed_sums(mut cells: Vec<Packed>) -> Vec<Packed> {
+    cells.dedup_by(|cell, sum| {
+        let is_same = cell.place == sum.place;
+        if is_same {
+            sum.add(*cell);
         }
-    }
-    sums
-}
-
-/// Merges packed cells that are in order.
-fn packed_merge(a: Vec<Packed>, b: Vec<Packed>) -> Vec<Packed> {
-    packed_sums(InOrder::new(a.into_iter(), b.into_iter(), |cell| {
-        cell.place
-    }))
+        is_same
+    });
+    cells
 }
 
 /// A cell in sixteen bytes.
@@ -204,6 +212,15 @@ const UNKNOWN: u32 = u32::MAX;
 
 impl Packed {
     #[inline]
+    fn of(place: u64, tally: Tally) -> Self {
+        Self {
+            place,
+            n: tally.n as u32,
+            entries: tally.entries.map_or(UNKNOWN, |entries| entries as u32),
+        }
+    }
+
+    #[inline]
     fn add(&mut self, other: Self) {
         self.n += other.n;
         self.entries = match (self.entries, other.entries) {
@@ -213,47 +230,18 @@ impl Packed {
     }
 }
 
-/// How the four numbers of a place go into one of 64 bits, which is in the same order.
+/// How the three numbers of a place go into one of 64 bits, which is in the same order: how many
+/// bits a segment and a cell take.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) struct Packing {
     segment: u32,
-    family: u32,
-    joint: u32,
-    all: u32,
+    cell: u32,
 }
 
 impl Packing {
-    /// Returns that of these cells; `None` where they need more bits, or the sum of visits does.
-    fn of(parts: &[Part<'_>], visits: u64) -> Option<Self> {
-        let mut used = (0, 0, 0, 0);
-        for part in parts {
-            (used.1, used.2) = (used.1 | part.segment, used.2 | part.family);
-            for ((state, .., joint), _) in part.cells() {
-                (used.0, used.3) = (used.0 | state, used.3 | joint);
-            }
-        }
-
-        let bits = |used: u64| u64::BITS - used.leading_zeros();
-        let (state, segment) = (bits(used.0), bits(used.1.into()));
-        let (family, joint) = (bits(used.2.into()), bits(used.3));
-        let rest = segment + family + joint;
-
-        // A shift by 64 is none.
-        let fits = state + rest <= u64::BITS && rest < u64::BITS && visits < UNKNOWN.into();
-        fits.then_some(Self {
-            segment,
-            family,
-            joint,
-            all: state + rest,
-        })
-    }
-
     #[inline]
-    fn pack(&self, (state, segment, family, joint): At) -> u64 {
-        (state << (self.segment + self.family + self.joint))
-            | (u64::from(segment) << (self.family + self.joint))
-            | (u64::from(family) << self.joint)
-            | joint
+    fn pack(&self, (state, segment, cell): At) -> u64 {
+        (state << (self.segment + self.cell)) | (u64::from(segment) << self.cell) | cell
     }
 
     /// Packs a place that none of the cells may have.
@@ -266,10 +254,9 @@ impl Packing {
     fn place(&self, packed: u64) -> At {
         let low = |shift: u32, bits: u32| (packed >> shift) & ((1 << bits) - 1);
         (
-            packed >> (self.segment + self.family + self.joint),
-            low(self.family + self.joint, self.segment) as u32,
-            low(self.joint, self.family) as u32,
-            low(0, self.joint),
+            packed >> (self.segment + self.cell),
+            low(self.cell, self.segment) as u32,
+            low(0, self.cell),
         )
     }
 
@@ -281,50 +268,96 @@ impl Packing {
         };
         (self.place(cell.place), tally)
     }
+}
 
-    /// Sorts the cells of batches, many of them by two threads: nobody commits meanwhile.
-    fn sorted(&self, parts: &[Part<'_>]) -> Vec<Packed> {
-        let (first, second) = halves(parts);
-        if cells(first).min(cells(second)) < MANY {
-            return self.sorted_by_one(parts);
+/// The records of batches, each in sixteen bytes: their states and segments, in which each family
+/// has a cell of them.
+struct Strips<'p, 'a> {
+    parts: &'p [Part<'a>],
+    /// In their order, with a place of no bits for a cell.
+    records: Vec<Packed>,
+    /// How many bits a segment takes, and how many that and a state.
+    segment: u32,
+    bits: u32,
+}
+
+impl<'p, 'a> Strips<'p, 'a> {
+    /// Returns those of many records; `None` where they need more bytes.
+    fn of(parts: &'p [Part<'a>], visits: u64) -> Option<Self> {
+        let many = parts.iter().map(|part| part.increment.cells.len()).sum();
+        let segments = parts.iter().fold(0, |used, part| used | part.segment);
+        let packing = Packing {
+            segment: bits(segments.into()),
+            cell: 0,
+        };
+
+        let (mut records, mut states) = (Vec::with_capacity(many), 0);
+        for part in parts {
+            records.extend(part.increment.cells.iter().map(|(state, _, tally)| {
+                let state = part.number(*state);
+                states |= state;
+                Packed::of(packing.pack((state, part.segment, 0)), *tally)
+            }));
         }
-        scope(|threads| {
-            let sort = || self.sorted_by_one(first);
-            let spawned = Builder::new().spawn_scoped(threads, sort);
-            let second = self.sorted_by_one(second);
-            // Where no thread is to be had, or it ended without an answer, this one does it.
-            let first = spawned.ok().and_then(|thread| thread.join().ok());
-            packed_merge(first.unwrap_or_else(sort), second)
+
+        let bits = bits(states) + packing.segment;
+        let fits = many >= FEW && bits <= u64::BITS && visits < UNKNOWN.into();
+        fits.then_some(Self {
+            parts,
+            records,
+            segment: packing.segment,
+            bits,
         })
     }
 
-    fn sorted_by_one(&self, parts: &[Part<'_>]) -> Vec<Packed> {
-        let mut all: Vec<Packed> = Vec::with_capacity(cells(parts));
-        let packed = |(at, tally): (At, Tally)| Packed {
-            place: self.pack(at),
-            n: tally.n as u32,
-            entries: tally.entries.map_or(UNKNOWN, |entries| entries as u32),
-        };
-        for part in parts {
-            all.extend(part.cells().map(packed));
+    /// Sorts the cells of a family.
+    fn sorted(&self, family: Family) -> Sorted {
+        let cell = self.bits_of_cells(family);
+        let all = self.bits + cell;
+        // A shift by 64 is none.
+        if all > u64::BITS || cell == u64::BITS {
+            return Sorted::wide(self.parts, family);
         }
-        packed_sums(radix_sorted(all, self.all).into_iter())
+
+        let packing = Packing {
+            segment: self.segment,
+            cell,
+        };
+        let cells = radix_sorted(self.cells(family, cell), all);
+        Sorted::Packed(packing, packed_sums(cells))
+    }
+
+    fn bits_of_cells(&self, family: Family) -> u32 {
+        let mut used = 0;
+        for part in self.parts {
+            let cells = part.increment.column(family);
+            cells.for_each(|cell| used |= if cell == Increment::MISSING { 0 } else { cell });
+        }
+        bits(used)
+    }
+
+    /// Returns the cells of a family, of so many bits, in the order of records.
+    fn cells(&self, family: Family, bits: u32) -> Vec<Packed> {
+        let mut all = Vec::with_capacity(self.records.len());
+        let mut records = &self.records[..];
+        for part in self.parts {
+            let (of_part, rest) = records.split_at(part.increment.cells.len());
+            records = rest;
+
+            let cells = of_part.iter().zip(part.increment.column(family));
+            let observed = cells.filter(|(_, cell)| *cell != Increment::MISSING);
+            all.extend(observed.map(|(record, cell)| Packed {
+                place: record.place << bits | cell,
+                ..*record
+            }));
+        }
+        all
     }
 }
 
-/// Returns how many cells batches have.
-fn cells(parts: &[Part<'_>]) -> usize {
-    parts.iter().map(|part| part.cells.len()).sum()
-}
-
-/// Cuts batches into two halves, by their cells.
-fn halves<'p, 'a>(parts: &'p [Part<'a>]) -> (&'p [Part<'a>], &'p [Part<'a>]) {
-    let (mut first, half) = (0, cells(parts) / 2);
-    let mut fits = |part: &Part<'_>| {
-        first += part.cells.len();
-        first <= half
-    };
-    parts.split_at(parts.iter().take_while(|part| fits(part)).count())
+/// Returns how many bits a number takes.
+fn bits(number: u64) -> u32 {
+    u64::BITS - number.leading_zeros()
 }
 
 /// Sorts cells by their places, which have so many bits, least significant digit first.

@@ -5,7 +5,7 @@ use super::batch::{Numbered, Refusal};
 use super::book::Ledger;
 use super::books::{Books, CellAt};
 use super::merge::{CellName, stored_label};
-use crate::domain::Tally;
+use crate::domain::Increment;
 
 /// The largest number that a database holds.
 const MOST: u64 = i64::MAX as u64;
@@ -41,9 +41,12 @@ fn over_quota(what: &'static str, limit: u64) -> Refusal {
 /// The sum of all visits bounds every visit and every entry, so it is the only sum to check.
 fn overflows(ledger: &Ledger<'_>, batch: &Numbered) -> bool {
     let sum = ledger.revision().checked_add(batch.increment.transitions);
-    let mut families = batch.increment.families();
-    let is_too_large = |(_, joint, _): &(u64, u64, Tally)| *joint > MOST;
-    sum.is_none_or(|sum| sum > MOST) || families.any(|(_, cells)| cells.iter().any(is_too_large))
+    let outcomes = batch.increment.outcomes.iter().flatten();
+    let mut outcomes = outcomes.filter(|cell| **cell != Increment::MISSING);
+    let mut joints = batch.increment.cells.iter().map(|(_, joint, _)| joint);
+    sum.is_none_or(|sum| sum > MOST)
+        || joints.any(|joint| *joint > MOST)
+        || outcomes.any(|cell| *cell > MOST)
 }
 
 async fn has_room_for_producer<B: Books>(
@@ -88,9 +91,9 @@ async fn has_room_for_cells<B: Books>(
     batch: &Numbered,
 ) -> Result<bool, B::Error> {
     let room = ledger.quotas.cells.saturating_sub(ledger.cells);
-    let fits = |cells: usize| (cells + batch.increment.len()) as u64 <= room;
+    let fits = |cells: usize| (cells + batch.increment.most_cells()) as u64 <= room;
     let is_counted = ledger.fresh_cells.is_some();
-    if !is_counted && (fits(ledger.merged.most_cells()) || fits(ledger.merged.cells().len())) {
+    if !is_counted && (fits(ledger.merged.most_cells()) || fits(ledger.merged.count_cells())) {
         return Ok(true);
     }
 

@@ -166,6 +166,11 @@ impl Encoder {
         varint::put(&mut self.bytes, place.joint);
     }
 
+    /// Returns the bytes so far.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
     /// Returns the bytes.
     pub fn finish(self) -> Vec<u8> {
         self.bytes

@@ -198,12 +198,11 @@ impl Unfolded {
         while let Some(cell) = cells.next_if(|_| slice.rows.len() < rows) {
             let (place, tally) = cell?;
             let row = row_of(place.state);
-            let mut delta = RowDelta {
-                row,
-                cells: vec![(place, tally)],
-            };
+            let mut delta = RowDelta::of(row);
+            delta.push(place, tally);
             while let Some(cell) = cells.next_if(|cell| is_in(row, cell)) {
-                delta.cells.push(cell?);
+                let (place, tally) = cell?;
+                delta.push(place, tally);
             }
             slice.rows.push(delta);
         }

@@ -123,12 +123,14 @@ impl CountsCache {
         inner.shrink(self.capacity);
     }
 
-    /// Adds a commit's delta to what is cached: each state once, with its cells.
-    pub(super) fn apply<C: IntoIterator<Item = (Family, Cell)>>(
+    /// Adds a commit's delta to what is cached: its cells, those of each state together, by a number
+    /// that `key` knows the state of.
+    pub(super) fn apply(
         &self,
         environment: EnvironmentId,
         revision: u64,
-        delta: impl Iterator<Item = (StateKey, C)>,
+        delta: impl Iterator<Item = (u64, (Family, Cell))>,
+        key: impl Fn(u64) -> StateKey,
     ) {
         let mut inner = self.inner();
         let revisions = inner.revisions.entry(environment).or_default();
@@ -140,8 +142,14 @@ impl CountsCache {
             return;
         }
 
-        for (key, cells) in delta {
-            inner.add((environment, key), revision, cells);
+        let mut delta = delta.peekable();
+        while let Some((state, _)) = delta.peek() {
+            let state = *state;
+            let mut cells = std::iter::from_fn(|| delta.next_if(|(of, _)| *of == state));
+            let added = cells.by_ref().map(|(_, cell)| cell);
+            inner.add((environment, key(state)), revision, added);
+            // Of a state that is not cached none was taken.
+            cells.for_each(drop);
         }
         inner.shrink(self.capacity);
     }

@@ -110,9 +110,11 @@ fn deltas(old: &[Old]) -> Vec<RowDelta> {
     let mut cells: Vec<Placed> = old.iter().flat_map(|state| &state.cells).copied().collect();
     cells.sort_unstable_by_key(|(place, _)| *place);
     let rows = cells.chunk_by(|(a, _), (b, _)| row_of(a.state) == row_of(b.state));
-    let delta = |cells: &[Placed]| RowDelta {
-        row: row_of(cells[0].0.state),
-        cells: cells.to_vec(),
+    let delta = |cells: &[Placed]| {
+        let mut delta = RowDelta::of(row_of(cells[0].0.state));
+        let cells = cells.iter();
+        cells.for_each(|(place, tally)| delta.push(*place, *tally));
+        delta
     };
     rows.map(delta).collect()
 }

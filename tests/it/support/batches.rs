@@ -130,18 +130,21 @@ pub fn filled(
     for place in places {
         let number = number(increment, place);
         increment.cells.push((number, 1, tally(1, 1)));
-        add_observed(increment, number, 1, tally(1, 1));
+        add_observed(increment, 1);
     }
     increment.transitions = increment.cells.len() as u64;
     batch.receipt.accepted = increment.transitions;
     batch
 }
 
-fn add_observed(increment: &mut Increment, number: u64, joint: u64, tally: Tally) {
+/// Adds what is observed with the last cell, which is of this joint action.
+fn add_observed(increment: &mut Increment, joint: u64) {
     for outcome in 0..OUTCOMES.len() {
         if let Some(cell) = observed(outcome, joint) {
             increment.outcomes.resize(OUTCOMES.len(), Vec::new());
-            increment.outcomes[outcome].push((number, cell, tally));
+            let column = &mut increment.outcomes[outcome];
+            column.resize(increment.cells.len() - 1, Increment::MISSING);
+            column.push(cell);
         }
     }
 }
@@ -171,7 +174,7 @@ impl Sending {
         let increment = &mut self.0.increment;
         let number = number(increment, place);
         increment.cells.push((number, joint, tally));
-        add_observed(increment, number, joint, tally);
+        add_observed(increment, joint);
         increment.transitions = increment.transitions.saturating_add(tally.n);
         self.0.receipt.accepted = increment.transitions;
         self

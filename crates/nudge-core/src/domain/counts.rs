@@ -48,29 +48,51 @@ pub struct Increment {
     /// By the state's number and the joint action, in any order; the same cell may stand here more
     /// than once.
     pub cells: Vec<(u64, u64, Tally)>,
-    /// The same of each outcome's family, by the state's number and the family's cell; empty where
-    /// nothing was observed.
-    pub outcomes: Vec<Vec<(u64, u64, Tally)>>,
+    /// A column for each outcome, of what was observed with each of `cells`: the cell of the
+    /// outcome's family, of the same state and tally, or [`Increment::MISSING`], as where a column
+    /// is shorter.
+    pub outcomes: Vec<Vec<u64>>,
     /// The sum of all `n` of joint actions.
     pub transitions: u64,
 }
 
 impl Increment {
-    /// Returns the cells of each family, in order.
-    pub fn families(&self) -> impl Iterator<Item = (Family, &[(u64, u64, Tally)])> {
-        let outcomes = self.outcomes.iter().enumerate();
-        let outcomes = outcomes.map(|(at, cells)| (Family::of_outcome(at), &**cells));
-        std::iter::once((Family::JOINT, &*self.cells)).chain(outcomes)
+    /// No cell: an outcome was not observed.
+    pub const MISSING: u64 = u64::MAX;
+
+    /// Returns the families, in order.
+    pub fn families(&self) -> impl ExactSizeIterator<Item = Family> + use<> {
+        (0..self.outcomes.len() as u32 + 1).map(Family::from_number)
     }
 
-    /// Returns how many cells stand here, of all families.
-    pub fn len(&self) -> usize {
-        self.cells.len() + self.outcomes.iter().map(Vec::len).sum::<usize>()
+    /// Returns the cells of a family, by the state's number and the family's cell.
+    pub fn of_family(&self, family: Family) -> impl Iterator<Item = (u64, u64, Tally)> {
+        let cells = self.cells.iter().zip(self.column(family));
+        let observed = cells.filter(|(_, cell)| *cell != Self::MISSING);
+        observed.map(|((state, _, tally), cell)| (*state, cell, *tally))
+    }
+
+    /// Returns the cell of a family that each of `cells` is in, or [`Increment::MISSING`]; it may
+    /// end before they do.
+    #[inline]
+    pub fn column(&self, family: Family) -> impl Iterator<Item = u64> {
+        let (joints, column) = match family.outcome() {
+            None => (&*self.cells, None),
+            Some(at) => (&[][..], self.outcomes.get(at)),
+        };
+        let joints = joints.iter().map(|(_, joint, _)| *joint);
+        joints.chain(column.into_iter().flatten().copied())
+    }
+
+    /// Returns a bound of how many cells stand here, of all families: as many as if no outcome were
+    /// missing.
+    pub fn most_cells(&self) -> usize {
+        self.cells.len() * self.families().len()
     }
 
     /// Returns whether nothing is added.
     pub fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.cells.is_empty()
     }
 }
 

@@ -5,14 +5,17 @@
 //! all of them (SIMD, as the compiler finds it).
 
 use super::feature::MISFIT;
-use super::{Agent, Feature, FeatureKind, Presence, Schema, Values};
+use super::{Agent, Feature, FeatureKind, Increment, Presence, Schema, Values};
 
 /// One number a record; none where a value of it has no bin.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Numbers([u64; Numbers::LANES]);
 
-/// No rank and no joint action: those are below 2^62.
-const NONE: u64 = u64::MAX;
+/// No rank, no joint action and no cell: those are below 2^62.
+const NONE: u64 = Increment::MISSING;
+
+/// No value, beside [`NONE`] where a value has no bin.
+const MISSING: u64 = NONE - 1;
 
 impl Numbers {
     /// How many records are discretised together.
@@ -22,6 +25,12 @@ impl Numbers {
     #[inline]
     pub fn get(&self, lane: usize) -> Option<u64> {
         Some(self.0[lane]).filter(|number| *number != NONE)
+    }
+
+    /// Returns the number of a record, or [`Increment::MISSING`].
+    #[inline]
+    pub fn get_or_missing(&self, lane: usize) -> u64 {
+        self.0[lane]
     }
 
     /// Discretises the records from one on, as many as there are. All their numbers together must
@@ -48,11 +57,8 @@ impl Numbers {
         let (mut numbers, mut fits) = ([0u64; Self::LANES], [true; Self::LANES]);
         for (feature, kind) in kinds.enumerate() {
             let mut column = [0.0; Self::LANES];
-            let block = values.at(first * width, lanes * width);
-            for (slot, value) in column
-                .iter_mut()
-                .zip(block.skip(at + feature).step_by(width))
-            {
+            let found = values.column(first * width + at + feature, width, lanes);
+            for (slot, value) in column.iter_mut().zip(found) {
                 *slot = value;
             }
 
@@ -80,42 +86,28 @@ struct Slot {
     width: usize,
 }
 
-/// Numbers of several slots that a record has.
+/// Numbers of several slots that a record has; [`MISSING`] where it has none.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct SlotNumbers {
-    slots: Vec<Numbers>,
-    present: Presence,
-    first: usize,
-    /// How many records there are: fewer than lanes in the last block.
-    records: usize,
-}
+pub struct SlotNumbers(Vec<Numbers>);
 
 impl SlotNumbers {
     /// Returns the number of a slot of a record, where it has a value.
     #[inline]
     pub fn get(&self, lane: usize, slot: usize) -> SlotNumber {
-        if lane >= self.records || !self.has(lane, slot) {
-            return SlotNumber::Missing;
+        match self.0[slot].0[lane] {
+            MISSING => SlotNumber::Missing,
+            NONE => SlotNumber::Misfit,
+            number => SlotNumber::Of(number),
         }
-        let number = self.slots[slot].get(lane);
-        number.map_or(SlotNumber::Misfit, SlotNumber::Of)
     }
 
     /// Returns of each record whether any of its values has no bin.
     pub fn misfits(&self) -> [bool; Numbers::LANES] {
         let mut misfits = [false; Numbers::LANES];
-        for slot in 0..self.slots.len() {
-            for (lane, misfits) in misfits.iter_mut().enumerate() {
-                *misfits |= self.get(lane, slot) == SlotNumber::Misfit;
-            }
+        for Numbers(numbers) in &self.0 {
+            (0..Numbers::LANES).for_each(|lane| misfits[lane] |= numbers[lane] == NONE);
         }
         misfits
-    }
-
-    #[inline]
-    fn has(&self, lane: usize, slot: usize) -> bool {
-        self.present
-            .has((self.first + lane) * self.slots.len() + slot)
     }
 }
 
@@ -183,26 +175,29 @@ fn len(schema: &Schema, actions: &Values) -> usize {
 }
 
 fn slots_at<'s>(
-    slots: impl Iterator<Item = &'s [Feature]> + Clone,
+    slots: impl ExactSizeIterator<Item = &'s [Feature]> + Clone,
     values: &Values,
     present: &Presence,
     first: usize,
 ) -> SlotNumbers {
     let width: usize = slots.clone().map(<[Feature]>::len).sum();
     let records = values.len().checked_div(width).unwrap_or(0);
-    let mut at = 0;
-    let numbers = slots.map(|slot| {
+    let (mut at, many) = (0, slots.len());
+    let numbers = slots.enumerate().map(|(number, slot)| {
         let kinds = slot.iter().map(|feature| &feature.kind);
-        let numbers = Numbers::of_slot(kinds, values, first, Slot { at, width });
+        let mut numbers = Numbers::of_slot(kinds, values, first, Slot { at, width });
         at += slot.len();
+
+        // Fewer records than lanes are in the last block.
+        let lanes = numbers.0.iter_mut().enumerate();
+        let is_missing =
+            |record| record >= records || !present.has(record * many + number);
+        lanes
+            .filter(|(lane, _)| is_missing(first + lane))
+            .for_each(|(_, slot)| *slot = MISSING);
         numbers
     });
-    SlotNumbers {
-        slots: numbers.collect(),
-        present: present.clone(),
-        first,
-        records: records.saturating_sub(first).min(Numbers::LANES),
-    }
+    SlotNumbers(numbers.collect())
 }
 
 /// Returns the letter that an agent has in a joint action.
@@ -224,7 +219,7 @@ impl Schema {
             .map(|agent| self.without(joints, agent))
             .collect();
         let cells = |outcome| self.cells_beside(outcome, joints, &without, observed);
-        (0..observed.slots.len()).map(cells).collect()
+        (0..observed.0.len()).map(cells).collect()
     }
 
     /// Returns joint actions with the first letter in the place of an agent's own; nothing where the

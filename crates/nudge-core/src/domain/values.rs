@@ -44,6 +44,13 @@ impl Values {
             .map(|value| f32::from_le_bytes(*value))
     }
 
+    /// Returns a number of them from a place on, each so far behind the one before.
+    #[inline]
+    pub fn column(&self, first: usize, stride: usize, len: usize) -> impl Iterator<Item = f32> {
+        let raw = self.raw();
+        (0..len).map(move |row| f32::from_le_bytes(raw[first + row * stride]))
+    }
+
     /// Returns all of them.
     #[inline]
     pub fn iter(&self) -> impl ExactSizeIterator<Item = f32> + Clone {

@@ -37,7 +37,7 @@ fn sent(sequences: std::ops::Range<u64>) -> impl Strategy<Value = Numbered> {
             for (place, joint, n, family) in cells {
                 sending = sending.cell(place, joint, tally(n, n / 2));
                 if family > 0 {
-                    sending = sending.outcome(family, place, joint + 1, tally(n, n / 2));
+                    sending = sending.outcome(family, joint + 1);
                 }
             }
             if !SEGMENTS[segment].is_empty() {
@@ -91,11 +91,11 @@ fn expected_refusal(world: &World, batch: &Numbered) -> Option<Refusal> {
         .as_ref()
         .map_or("", |label| label.as_str());
     let mut cells = BTreeSet::new();
-    for (family, added) in batch.increment.families() {
-        for (state, joint, _) in added {
-            let listed = batch.increment.states.listed().get(*state as usize);
+    for family in batch.increment.families() {
+        for (state, joint, _) in batch.increment.of_family(family) {
+            let listed = batch.increment.states.listed().get(state as usize);
             let state = listed.map_or_else(|| state.to_string(), ToString::to_string);
-            cells.insert((state, label.to_owned(), family.number(), *joint));
+            cells.insert((state, label.to_owned(), family.number(), joint));
         }
     }
     let fresh = cells
@@ -188,7 +188,11 @@ proptest! {
         prop_assert_eq!(joint.map(|(_, tally)| tally.n).sum::<u64>(), transitions);
 
         // Each family is counted for itself.
-        let outcomes = counted.iter().flat_map(|batch| &batch.increment.outcomes).flatten();
+        let increments = counted.iter().map(|batch| &batch.increment);
+        let outcomes = increments.flat_map(|increment| {
+            let outcomes = increment.families().skip(1);
+            outcomes.flat_map(|family| increment.of_family(family))
+        });
         let observed: u64 = outcomes.map(|(.., tally)| tally.n).sum();
         let found = world.cells.iter().filter(|((.., family, _), _)| *family > 0);
         prop_assert_eq!(found.map(|(_, tally)| tally.n).sum::<u64>(), observed);

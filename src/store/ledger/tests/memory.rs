@@ -158,7 +158,7 @@ impl World {
             let id = *self.segments.entry((*label).to_owned()).or_insert(next_id);
             assert!(ledger.segment(label).is_none_or(|known| known.0 == id));
         }
-        for ((state, segment, family, joint), tally) in ledger.merged.take_cells() {
+        for ((state, segment, family, joint), tally) in ledger.merged.tallies() {
             let state = match listed.get(state as usize) {
                 Some(key) => key.to_string(),
                 None => state.to_string(),

@@ -54,15 +54,14 @@ impl Sending {
         self
     }
 
-    /// Adds a cell of an outcome's family, of a state that something was added of.
-    pub(super) fn outcome(mut self, family: u32, place: u32, cell: u64, tally: Tally) -> Self {
-        let key = StateKey::new(&[place]);
-        let listed = self.0.increment.states.listed().iter();
-        let at = listed.clone().position(|known| *known == key);
-        let at = at.expect("a state of this batch") as u64;
-        let outcomes = &mut self.0.increment.outcomes;
+    /// Adds the cell of an outcome's family that was observed with the last cell.
+    pub(super) fn outcome(mut self, family: u32, cell: u64) -> Self {
+        let increment = &mut self.0.increment;
+        let outcomes = &mut increment.outcomes;
         outcomes.resize(outcomes.len().max(family as usize), Vec::new());
-        outcomes[family as usize - 1].push((at, cell, tally));
+        let column = &mut outcomes[family as usize - 1];
+        column.resize(increment.cells.len() - 1, Increment::MISSING);
+        column.push(cell);
         self
     }
 
@@ -101,9 +100,8 @@ impl Sending {
             let increment = &mut self.0.increment;
             let listed = std::mem::take(&mut increment.states);
             let rank = |at: u64| u64::from(listed.listed()[at as usize].bins()[0]);
-            let outcomes = increment.outcomes.iter_mut().flatten();
-            let all = increment.cells.iter_mut().chain(outcomes);
-            all.for_each(|(state, ..)| *state = rank(*state));
+            let cells = increment.cells.iter_mut();
+            cells.for_each(|(state, ..)| *state = rank(*state));
         }
         self.0
     }

@@ -125,15 +125,12 @@ impl Play {
 
     fn apply(&mut self) {
         if let Some(states) = self.pending.take() {
-            let keys: Vec<StateKey> = (0..STATES)
-                .filter(|state| states[*state])
-                .map(key)
-                .collect();
+            let added = (0..STATES).filter(|state| states[*state]);
             self.cache.apply(
                 ENVIRONMENT,
                 self.visits.iter().sum(),
-                keys.into_iter()
-                    .map(|key| (key, [(Family::JOINT, cell(1))])),
+                added.map(|state| (state as u64, (Family::JOINT, cell(1)))),
+                |state| key(state as usize),
             );
             self.acknowledged = self.visits;
         }

@@ -50,7 +50,7 @@ pub(super) async fn commit(
 }
 
 fn cells(batch: &Numbered) -> u64 {
-    batch.increment.len() as u64
+    batch.increment.most_cells() as u64
 }
 
 async fn attempt(

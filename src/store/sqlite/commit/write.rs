@@ -30,8 +30,6 @@ pub(super) struct Delta<'a> {
     environment: EnvironmentId,
     entry: Entry,
     states: Keys<'a>,
-    /// In order of place.
-    cells: Vec<Placed>,
 }
 
 /// The keys of the states of a commit, by the numbers that they are stored under.
@@ -47,11 +45,12 @@ impl Delta<'_> {
         let (id, revision) = (self.environment, self.entry.revision);
         memory.pending.push(id, &self.entry);
 
-        let states = self.cells.chunk_by(|(a, _), (b, _)| a.state == b.state);
-        let delta = states.map(|cells| (self.states.of(cells[0].0.state), cells.iter().map(cell)));
-        memory.cache.apply(id, revision, delta);
+        let cells = || self.entry.run.from(0).flatten();
+        let stated = cells().map(|placed| (placed.0.state, cell(placed)));
+        let key = |number| self.states.of(number);
+        memory.cache.apply(id, revision, stated, key);
 
-        let cells = self.cells.iter().map(cell);
+        let cells = cells().map(cell);
         let cells = cells.map(|(family, cell)| (family, cell.joint, cell.tally));
         memory.actions.apply(id, revision, cells);
     }
@@ -66,11 +65,11 @@ impl Keys<'_> {
     }
 }
 
-fn cell((place, tally): &Placed) -> (Family, Cell) {
+fn cell((place, tally): Placed) -> (Family, Cell) {
     let cell = Cell {
         joint: place.joint,
         segment: SegmentId(place.segment as i64),
-        tally: *tally,
+        tally,
     };
     (Family::from_number(place.family as u32), cell)
 }
@@ -124,21 +123,25 @@ async fn write_counts<'a>(
 ) -> Result<Delta<'a>, sqlx::Error> {
     let (connection, row_ids) = transaction.parts();
     let segments = segments(connection, ledger).await?;
-    let (states, cells) = match Numbering::of(&environment.schema) {
+    let (states, run) = match Numbering::of(&environment.schema) {
         Numbering::Ranked => {
             let cells = cells(ledger, &segments, |rank| rank);
-            (Keys::Ranked(environment.schema.clone()), cells)
+            // In order of rank: so they are where segments were made in the order of the commit.
+            let run = match segments.is_sorted() {
+                true => Run::of(cells),
+                false => sorted_run(cells),
+            };
+            (Keys::Ranked(environment.schema.clone()), run)
         }
         Numbering::Listed => {
             let keys = ledger.merged.listed();
             let ids = ids(connection, row_ids, environment.id, keys).await?;
             let keys = ids.iter().copied().zip(keys.iter().copied()).collect();
             let cells = cells(ledger, &segments, |at| ids[at as usize]);
-            (Keys::Listed(keys), cells)
+            (Keys::Listed(keys), sorted_run(cells))
         }
     };
     let fresh = ledger.fresh_cells();
-    let run = Run::of(cells.iter().copied());
     journal::insert(connection, entry, environment.id, &run).await?;
     add_transitions(connection, environment.id, ledger.merged.transitions()).await?;
     let entry = Entry {
@@ -152,7 +155,6 @@ async fn write_counts<'a>(
         environment: environment.id,
         entry,
         states,
-        cells,
     })
 }
 
@@ -230,20 +232,32 @@ async fn insert_states(
     Ok(())
 }
 
-/// Returns the cells of a commit in order of place; `stored` tells under which number a state is.
-fn cells(ledger: &mut Ledger<'_>, segments: &[i64], stored: impl Fn(u64) -> u64) -> Vec<Placed> {
-    let placed = |((state, segment, family, joint), tally): ((u64, u32, u32, u64), _)| {
-        let place = Place {
-            state: stored(state),
-            segment: segments[segment as usize].unsigned_abs(),
-            family: u64::from(family),
-            joint,
-        };
-        (place, tally)
-    };
-    let mut cells: Vec<Placed> = ledger.merged.take_cells().map(placed).collect();
+/// Returns the cells of a commit in the order of its numbers; `stored` tells under which number a
+/// state is stored.
+fn cells(
+    ledger: &mut Ledger<'_>,
+    segments: &[i64],
+    stored: impl Fn(u64) -> u64,
+) -> impl Iterator<Item = Placed> {
+    ledger
+        .merged
+        .tallies()
+        .map(move |((state, segment, family, joint), tally)| {
+            let place = Place {
+                state: stored(state),
+                segment: segments[segment as usize].unsigned_abs(),
+                family: u64::from(family),
+                joint,
+            };
+            (place, tally)
+        })
+}
+
+/// Packs cells that come in any order.
+fn sorted_run(cells: impl Iterator<Item = Placed>) -> Run {
+    let mut cells: Vec<Placed> = cells.collect();
     cells.sort_unstable_by_key(|(place, _)| *place);
-    cells
+    Run::of(cells)
 }
 
 async fn add_transitions(
