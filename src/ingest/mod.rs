@@ -343,9 +343,9 @@ impl Ticket {
     }
 }
 
-/// Cells that take the room of one transition more: those of outcomes have no state of their own to
-/// be discretised, decoded and kept.
-const CELLS: usize = 4;
+/// Cells of outcomes that take the room of one transition more: of each only its number is kept,
+/// beside a state, a joint action and a tally.
+const CELLS: usize = 8;
 
 /// A batch takes room for each transition, more of it where outcomes are observed, and an empty one
 /// for itself. None takes more than a single call may ever have.

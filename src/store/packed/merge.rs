@@ -3,23 +3,22 @@
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 use std::collections::binary_heap::PeekMut;
-use std::iter::Peekable;
 
 use super::cells::{Decoder, Place, Spoiled};
 use crate::domain::Tally;
 
 /// Cells of several sources in order of place, each place once.
 pub struct Merge<'a> {
-    sources: Vec<Peekable<Decoder<'a>>>,
-    /// The next place of each source that has one.
+    sources: Vec<Decoder<'a>>,
+    /// The next cell of each source that has one.
     heads: BinaryHeap<Head>,
     spoiled: bool,
 }
 
-/// The next place of a source: the first is the greatest, as a heap wants it.
-#[derive(PartialEq, Eq)]
+/// The next cell of a source: the first is the greatest, as a heap wants it.
 struct Head {
     place: Place,
+    tally: Tally,
     source: usize,
 }
 
@@ -38,56 +37,55 @@ impl PartialOrd for Head {
     }
 }
 
+impl PartialEq for Head {
+    #[inline]
+    fn eq(&self, other: &Self) -> bool {
+        self.cmp(other).is_eq()
+    }
+}
+
+impl Eq for Head {}
+
 impl<'a> Merge<'a> {
     /// Merges sources, each in order of place.
     pub fn new(sources: impl IntoIterator<Item = Decoder<'a>>) -> Self {
         let mut merge = Self {
-            sources: sources.into_iter().map(Iterator::peekable).collect(),
+            sources: sources.into_iter().collect(),
             heads: BinaryHeap::new(),
             spoiled: false,
         };
-        (0..merge.sources.len()).for_each(|source| merge.look(source));
+        for (source, cells) in merge.sources.iter_mut().enumerate() {
+            match cells.next() {
+                Some(Ok((place, tally))) => merge.heads.push(Head {
+                    place,
+                    tally,
+                    source,
+                }),
+                Some(Err(Spoiled)) => merge.spoiled = true,
+                None => {}
+            }
+        }
         merge
     }
 
-    /// Notes the next place of a source.
+    /// Takes the next cell of the source whose turn it is.
     #[inline]
-    fn look(&mut self, source: usize) {
-        match self.sources[source].peek() {
-            Some(Ok((place, _))) => self.heads.push(Head {
-                place: *place,
-                source,
-            }),
-            Some(Err(Spoiled)) => self.spoiled = true,
-            None => {}
+    fn take(&mut self) -> Option<(Place, Tally)> {
+        let mut head = self.heads.peek_mut()?;
+        let taken = (head.place, head.tally);
+        // The source keeps its place in the heap where it goes on: one sift instead of two.
+        match self.sources[head.source].next() {
+            Some(Ok((place, tally))) => (head.place, head.tally) = (place, tally),
+            ended => {
+                self.spoiled |= ended.is_some();
+                PeekMut::pop(head);
+            }
         }
+        Some(taken)
     }
 
-    /// Takes the next cell of the source whose turn it is, if it is at this place or none is asked
-    /// for.
-    #[inline]
-    fn take(&mut self, place: Option<Place>) -> Option<(Place, Tally)> {
-        let mut head = self.heads.peek_mut()?;
-        let Head {
-            place: first,
-            source,
-        } = *head;
-        if place.is_some_and(|place| place != first) {
-            return None;
-        }
-        let (_, tally) = self.sources[source].next()?.ok()?;
-        // The source keeps its place in the heap where it goes on: one sift instead of two.
-        match self.sources[source].peek() {
-            Some(Ok((next, _))) => head.place = *next,
-            Some(Err(Spoiled)) => {
-                self.spoiled = true;
-                PeekMut::pop(head);
-            }
-            None => {
-                PeekMut::pop(head);
-            }
-        }
-        Some((first, tally))
+    fn is_next(&self, place: Place) -> bool {
+        self.heads.peek().is_some_and(|head| head.place == place)
     }
 }
 
@@ -101,8 +99,9 @@ impl Iterator for Merge<'_> {
             self.spoiled = false;
             return Some(Err(Spoiled));
         }
-        let (place, mut sum) = self.take(None)?;
-        while let Some((_, tally)) = self.take(Some(place)) {
+        let (place, mut sum) = self.take()?;
+        while self.is_next(place) {
+            let (_, tally) = self.take()?;
             sum.add(tally);
         }
         Some(Ok((place, sum)))

@@ -190,8 +190,7 @@ fn slots_at<'s>(
 
         // Fewer records than lanes are in the last block.
         let lanes = numbers.0.iter_mut().enumerate();
-        let is_missing =
-            |record| record >= records || !present.has(record * many + number);
+        let is_missing = |record| record >= records || !present.has(record * many + number);
         lanes
             .filter(|(lane, _)| is_missing(first + lane))
             .for_each(|(_, slot)| *slot = MISSING);

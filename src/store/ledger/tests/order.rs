@@ -31,7 +31,9 @@ fn batch(most: u64) -> impl Strategy<Value = Batch> {
             if numbers.is_some() {
                 cells.iter_mut().for_each(|(state, ..)| *state %= 4);
             }
-            outcomes.iter_mut().for_each(|column| column.truncate(cells.len()));
+            outcomes
+                .iter_mut()
+                .for_each(|column| column.truncate(cells.len()));
             let increment = Increment {
                 cells,
                 outcomes,
@@ -60,12 +62,15 @@ fn batches() -> impl Strategy<Value = Vec<Batch>> {
 }
 
 fn parts(batches: &[Batch]) -> Vec<Part<'_>> {
-    let part = |batch: &'_ Batch| Part {
-        increment: &batch.increment,
-        segment: batch.segment,
-        numbers: batch.numbers.clone().map(Into::into),
-    };
-    batches.iter().map(part).collect()
+    let mut parts = Vec::new();
+    for batch in batches {
+        parts.push(Part {
+            increment: &batch.increment,
+            segment: batch.segment,
+            numbers: batch.numbers.clone().map(Into::into),
+        });
+    }
+    parts
 }
 
 /// Returns the visits of all cells together.
