@@ -127,7 +127,7 @@ async fn misspelt_parameters_segments_and_features_are_told_with_those_there_are
         (
             "/v1/environments/lane/summary?segment=trial-1",
             "/segment",
-            "did you mean `segments` or `omit_segments`?",
+            "did you mean `segments`, `omit_segments` or `policy.segments`?",
         ),
         (
             "/v1/environments/lane/summary?segments=trial1",

@@ -324,5 +324,6 @@ async fn a_learner_who_follows_advice_is_right_sooner_and_no_more_often_wrong() 
         decided += explored.right + explored.wrong;
         wrong += explored.wrong;
     }
-    assert!(wrong * 20 <= decided, "{wrong} of {decided}");
+    // The rule's confidence lets one in five be wrong; marked by no segment, half of them are.
+    assert!(wrong * 10 <= decided, "{wrong} of {decided}");
 }
