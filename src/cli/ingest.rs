@@ -12,7 +12,9 @@ use super::making::make;
 use super::progress::Progress;
 pub(super) use super::report::Report;
 use super::server::Server;
+use super::twin::{Twin, TwinArguments};
 use crate::client::{Connection, Step, Totals, Track};
+use crate::domain::Schema;
 use crate::domain::draft::DescriptionDraft;
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
 
@@ -29,9 +31,11 @@ const BATCH_SIZE: usize = 1_000;
     long_about = "Send recorded play to a service, each transition once.\n\n\
     Environments that are missing are made, one a layout: counter_circuit, or counter_circuit.pos for another abstraction \
     than the usual one. A trial is a segment. The producer is named after the file's content, so a second run \
-    changes nothing, and a run that was interrupted goes on where it stopped.\n\n\
+    changes nothing, and a run that was interrupted goes on where it stopped. With --twin the same games are sent without influence, to hold \
+    what is found in the others against: into environments of their own, counter_circuit.shifted.\n\n\
     Example:\n  nudge ingest --format overcooked data/overcooked/train.csv.gz data/overcooked/test.csv.gz\n  \
-    nudge ingest --format overcooked train.csv --abstraction pos --lags none"
+    nudge ingest --format overcooked train.csv --abstraction pos --lags none\n  \
+    nudge ingest --format overcooked train.csv --twin shifted --seed 7"
 )]
 pub(super) struct Ingest {
     /// Files to send, gzipped or not
@@ -51,6 +55,8 @@ pub(super) struct Ingest {
     /// Begins the names of the environments: kitchens.counter_circuit
     #[arg(long, value_name = "NAME")]
     name: Option<String>,
+    #[command(flatten)]
+    twin: TwinArguments,
     /// Print JSON
     #[arg(long)]
     json: bool,
@@ -73,6 +79,8 @@ pub(super) struct Part {
     producer: String,
     /// The file that it is from.
     file: String,
+    /// What is sent in the place of what was played.
+    twin: Option<Twin>,
 }
 
 impl Ingest {
@@ -85,11 +93,9 @@ impl Ingest {
             let bytes = std::fs::read(file)
                 .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
             let found = parts_of(&name, &bytes, self.abstraction, &self.lags)?;
-            parts.extend(
-                found
-                    .into_iter()
-                    .map(|part| part.under(self.name.as_deref())),
-            );
+            let twin = self.twin.twin();
+            let named = |part: Part| part.under(self.name.as_deref()).as_twin(twin);
+            parts.extend(found.into_iter().map(named));
         }
 
         let connection = self.server.connect().await?;
@@ -128,6 +134,7 @@ pub(super) fn parts_of(
             games,
             producer: format!("{WAY}:{layout}:{abstraction}:{}", &digest[..32]),
             file: name.to_owned(),
+            twin: None,
         })
     };
     Ok(by_layout.into_iter().filter_map(part).collect())
@@ -142,6 +149,18 @@ impl Part {
         };
         Self {
             environment,
+            ..self
+        }
+    }
+
+    /// Returns a twin of the games, for an environment and from a producer of its own; the same where
+    /// none is wanted.
+    pub(super) fn as_twin(self, twin: Option<Twin>) -> Self {
+        let Some(twin) = twin else { return self };
+        Self {
+            environment: format!("{}.{twin}", self.environment),
+            producer: format!("{}:{twin}", self.producer),
+            twin: Some(twin),
             ..self
         }
     }
@@ -176,9 +195,7 @@ impl Part {
         for game in &self.games {
             producer.segment(Some(&game.trial)).await?;
             let mut track = Track::new(producer.schema());
-            for step in &game.steps {
-                let (state, actions) = self.world.values(step);
-                let step = Step::new(state, actions).observing(self.world.observed(step));
+            for step in self.played(game, producer.schema()) {
                 if let Some(transition) = track.step(step) {
                     producer.send(transition).await?;
                 }
@@ -192,6 +209,19 @@ impl Part {
         let totals = producer.close().await?;
         progress.part_done(&format!("{}: {name}", self.file), totals.sent);
         Ok(totals)
+    }
+
+    /// Returns the steps of a game, or of its twin; none where it is too short for one.
+    fn played(&self, game: &Game, schema: &Schema) -> Vec<Step> {
+        let step = |step: &overcooked::Step| {
+            let (state, actions) = self.world.values(step);
+            Step::new(state, actions).observing(self.world.observed(step))
+        };
+        let steps = game.steps.iter().map(step).collect();
+        match self.twin {
+            None => steps,
+            Some(twin) => twin.of(schema, &steps, &game.trial).unwrap_or_default(),
+        }
     }
 }
 

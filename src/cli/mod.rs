@@ -34,6 +34,7 @@ mod server;
 mod signals;
 mod simulate;
 mod train;
+mod twin;
 
 use std::io::Write;
 use std::process::ExitCode;

@@ -5,6 +5,7 @@
 //! * [`EntryRule`]: which steps entered their state and count as draws. The service uses it too, for
 //!   senders that tell only which track a step is of.
 //! * [`Track`]: [`Step`]s in, transitions out.
+//! * [`twins`]: the same steps without influence, to hold what was found against.
 //!
 //! # Absent on purpose
 //!
@@ -12,6 +13,7 @@
 
 mod entry_rule;
 mod track;
+pub mod twins;
 #[cfg(test)]
 mod worked_examples;
 

@@ -1,6 +1,7 @@
 //! Steps of one track, held back until what follows them is known (lagged outcomes).
 
 use std::collections::VecDeque;
+use std::ops::Range;
 
 use super::EntryRule;
 use crate::domain::{Agent, Entry, Outcome, Record, Schema, StateKey};
@@ -81,7 +82,7 @@ struct Source {
     /// Among the outcomes that are no action, its position.
     slot: usize,
     /// The values in the step's actions, or in what is observed of it.
-    values: std::ops::Range<usize>,
+    values: Range<usize>,
 }
 
 /// A step that is held back.
@@ -188,16 +189,7 @@ impl Track {
 
 impl Sources {
     fn of_schema(schema: &Schema) -> Self {
-        let mut first = 0;
-        let actions: Vec<std::ops::Range<usize>> = schema
-            .agents()
-            .iter()
-            .map(|agent| {
-                first += agent.action.len();
-                first - agent.action.len()..first
-            })
-            .collect();
-
+        let actions = action_values(schema);
         let (mut slot, mut observed) = (0, 0);
         let source = |outcome: &Outcome| {
             let values = match outcome.agent {
@@ -292,6 +284,17 @@ impl Held {
             is_misfit,
         }
     }
+}
+
+/// Returns which of a step's action values are whose, in the order of the agents.
+pub(super) fn action_values(schema: &Schema) -> Vec<Range<usize>> {
+    let mut first = 0;
+    let values = |agent: &Agent| {
+        let values = first..first + agent.action.len();
+        first = values.end;
+        values
+    };
+    schema.agents().iter().map(values).collect()
 }
 
 /// Returns the action of these values; `None` where one has no bin.
