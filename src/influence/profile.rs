@@ -8,8 +8,8 @@ use rayon::prelude::*;
 use super::labels::names;
 use super::store_errors::logged;
 use crate::domain::{
-    Environment, EnvironmentId, Labels, Pair, Profile, ProfilePoint, ProfileQuestion, SegmentId,
-    Tally, Within,
+    Counts, Environment, EnvironmentId, Labels, Pair, Profile, ProfilePoint, ProfileQuestion,
+    Schema, SegmentId, Tally, Within,
 };
 use crate::error::Problem;
 use crate::information::pooled::{MomentsMemo, Pool, Stratum};
@@ -58,6 +58,15 @@ impl ProfileContext {
         )
     }
 
+    /// Returns what of the counts of states is pooled.
+    fn drawn(&self) -> Drawn<'_> {
+        Drawn {
+            schema: &self.environment.schema,
+            segments: self.segments.as_deref(),
+            within: self.question.within,
+        }
+    }
+
     /// Returns what is told of these points, which were made from a revision.
     pub fn told(&self, points: &Points, as_of: u64) -> Profile {
         let ProfileQuestion { region, unit, .. } = &self.question;
@@ -81,8 +90,19 @@ impl ProfileContext {
     }
 }
 
-/// The strata of one lag so far.
-struct AtLag {
+/// What of the counts of states is pooled.
+#[derive(Clone, Copy)]
+pub struct Drawn<'a> {
+    /// The environment's.
+    pub schema: &'a Schema,
+    /// The segments to count; all if `None`.
+    pub segments: Option<&'a [SegmentId]>,
+    /// Whether segments are strata.
+    pub within: Within,
+}
+
+/// The strata of one pair, at its lag, so far.
+pub struct AtLag {
     pair: Pair,
     tally: Tally,
     pool: Pool,
@@ -100,7 +120,8 @@ pub async fn make(
     progress.begin("states looked at", totals.states);
 
     let pairs = context.question.pairs.iter();
-    let mut lags: Vec<AtLag> = pairs.map(|pair| AtLag::new(context, pair)).collect();
+    let schema = &context.environment.schema;
+    let mut lags: Vec<AtLag> = pairs.map(|pair| AtLag::new(schema, pair)).collect();
     let mut seen = 0;
     let mut pages = Pages::new(store, context.environment.id);
     while let Some(page) = pages.next().await.map_err(logged)? {
@@ -113,11 +134,7 @@ pub async fn make(
     }
 
     let schema = context.environment.schema.clone();
-    let point = move |at: &AtLag| ProfilePoint {
-        lag: at.pair.lag(&schema),
-        tally: at.tally,
-        pooled: at.pool.pooled(SEED),
-    };
+    let point = move |at: &AtLag| at.point(&schema);
     let points = gate.run(move |_| Ok(Points(lags.par_iter().map(point).collect())));
     Ok((points.await?, totals.transitions))
 }
@@ -133,10 +150,11 @@ fn added(
     let region = &context.question.region;
     let within = |(_, state): &(u64, &Scanned)| region.contains(&state.key);
     let states: Vec<(u64, &Scanned)> = (first..).zip(page).filter(within).collect();
+    let drawn = context.drawn();
     lags.par_iter_mut().try_for_each(|at| {
         for (number, state) in &states {
             stop.check()?;
-            at.add(context, *number, state);
+            at.add(drawn, *number, &state.counts);
         }
         Ok(())
     })?;
@@ -144,25 +162,30 @@ fn added(
 }
 
 impl AtLag {
-    fn new(context: &ProfileContext, pair: &Pair) -> Self {
+    /// Begins with no strata.
+    pub fn new(schema: &Schema, pair: &Pair) -> Self {
         Self {
             pair: pair.clone(),
             tally: Tally::EMPTY,
-            pool: Pool::new(pair.alphabet(&context.environment.schema)),
+            pool: Pool::new(pair.alphabet(schema)),
             memo: MomentsMemo::default(),
         }
     }
 
+    /// Returns what all strata say together, in nats.
+    pub fn point(&self, schema: &Schema) -> ProfilePoint {
+        ProfilePoint {
+            lag: self.pair.lag(schema),
+            tally: self.tally,
+            pooled: self.pool.pooled(SEED),
+        }
+    }
+
     /// Adds the strata of a state.
-    fn add(&mut self, context: &ProfileContext, state: u64, scanned: &Scanned) {
-        let schema = &context.environment.schema;
-        let cells = || {
-            scanned
-                .counts
-                .of_pair(schema, &self.pair, context.segments.as_deref())
-        };
+    pub fn add(&mut self, drawn: Drawn<'_>, state: u64, counts: &Counts) {
+        let Drawn { schema, within, .. } = drawn;
+        let cells = || counts.of_pair(schema, &self.pair, drawn.segments);
         self.tally.add(Tally::sum(cells()));
-        let within = context.question.within;
         for one in Tables::strata_within(schema, &self.pair, within, cells()) {
             let stratum = Stratum {
                 state,

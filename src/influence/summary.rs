@@ -37,6 +37,8 @@ pub fn summary(
         states: ranking.rows.len() as u64,
         segments,
         segmentation: segmentation(ranking),
+        habits_differ: habits_differ(ranking),
+        pooled: ranking.pooled.clone().in_unit(scope.unit),
         min_visits: scope.rule.min_visits,
         share_of_visits_with_enough_data: share,
         verdicts: tally(&Verdict::ALL, ranking.rows.verdicts()),
@@ -86,6 +88,19 @@ fn segmentation(ranking: &StateRanking) -> Segmentation {
         count: ranking.segments,
         differ,
     }
+}
+
+/// Returns the mean by visits of the probability that habits differ by segment, over the states
+/// whose evidence tells it.
+fn habits_differ(ranking: &StateRanking) -> Option<f64> {
+    let states = ranking.rows.visits().zip(ranking.rows.evidence());
+    let told = states.filter_map(|(visits, evidence)| Some((visits, evidence?.differ?)));
+    let add = |(sum, weight): (f64, f64), (visits, differ): (u64, f64)| {
+        let visits = visits as f64;
+        (sum + visits * differ, weight + visits)
+    };
+    let (sum, weight) = told.fold((0.0, 0.0), add);
+    (weight > 0.0).then(|| sum / weight)
 }
 
 /// Returns how often each of three words was said.

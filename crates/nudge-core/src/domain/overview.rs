@@ -3,8 +3,8 @@
 
 use super::draft::DiscoveryDraft;
 use super::{
-    Answer, Basis, Bin, Evidence, FitId, Label, Labels, Segmentation, StateKey, Tally, Unit,
-    Verdict,
+    Answer, Basis, Bin, Evidence, FitId, Label, Labels, ProfilePoint, Segmentation, StateKey, Tally,
+    Unit, Verdict,
 };
 use crate::error::{Fault, Problem};
 
@@ -193,6 +193,10 @@ pub struct Summary {
     /// Segments that the counts come from; the mean over states of the probability that habits
     /// differ there.
     pub segmentation: Segmentation,
+    /// The same mean by visits; `None` where no state's evidence tells.
+    pub habits_differ: Option<f64>,
+    /// What all states say as one (a stratified test), at this lag; figures in the summary's unit.
+    pub pooled: ProfilePoint,
     /// Visits from which the rule calls data enough.
     pub min_visits: u64,
     /// Share of visits that fell in states with at least that many; 0 where nothing was seen.

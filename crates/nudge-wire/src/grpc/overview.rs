@@ -103,6 +103,8 @@ impl From<Summary> for proto::SummarizeResponse {
             dependent_share: summary.dependent_share,
             discoveries: summary.discoveries.map(Into::into),
             segmentation: Some(summary.segmentation.into()),
+            pooled: Some(summary.pooled.into()),
+            habits_differ: summary.habits_differ,
             warnings: summary.warnings,
         }
     }

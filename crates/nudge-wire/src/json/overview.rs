@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 
 use super::answer::{basis, verdict};
 use super::evidence::dependence;
-use super::{Basis, Fit, Labels, Probability, Segmentation, State, words};
+use super::{Basis, Fit, Labels, Probability, ProfilePoint, Segmentation, State, words};
 use crate::{present, proto};
 
 /// The counts of one state.
@@ -139,6 +139,15 @@ pub struct Summary {
     /// The discoveries, where a rate was given.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub discoveries: Option<Discoveries>,
+    /// What all states say as one, at this lag: the same as a profile of all states has, in the
+    /// summary's unit.
+    pub pooled: ProfilePoint,
+    /// How probable it is that habits differ by segment in the state of a visit: the mean of
+    /// `differ` by visits, over states that were seen in several segments. Absent where none was, or
+    /// nothing is told.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(minimum = 0, maximum = 1)]
+    pub habits_differ: Option<f64>,
     /// What the reader should know before believing the figures, a sentence each: where pooled and
     /// stratified tests of independence disagree, if discoveries by `bh` were asked for. Absent
     /// where there is nothing to warn of.
@@ -310,6 +319,8 @@ impl From<proto::SummarizeResponse> for Summary {
             dependent_share: summary.dependent_share,
             fit: summary.fit.map(Into::into).unwrap_or_default(),
             discoveries: summary.discoveries.map(Into::into),
+            pooled: summary.pooled.unwrap_or_default().into(),
+            habits_differ: summary.habits_differ,
             warnings: summary.warnings,
         }
     }
