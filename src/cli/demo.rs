@@ -1,8 +1,10 @@
-//! `nudge demo`: the service with real human games and a simulated hallway in it, what it found,
-//! and what to try.
+//! `nudge demo`: the service with real human games, a planted follower and a simulated hallway in
+//! it, what it found, and what to try.
 
 mod found;
 mod live;
+mod planted;
+mod pooled;
 
 use std::cell::RefCell;
 use std::net::SocketAddr;
@@ -11,7 +13,7 @@ use std::time::Duration;
 
 use clap::Args;
 
-use self::found::{Best, Found, Later};
+use self::found::{Best, Found};
 use self::live::Live;
 use super::Failure;
 use super::addresses::{address, reachable};
@@ -25,6 +27,7 @@ use super::report::Report;
 use super::serve::Service;
 use super::signals::Signals;
 use super::simulate::{Pace, Run};
+use super::twin::{Kind, Twin};
 use crate::api::proto;
 use crate::app::App;
 use crate::client::Connection;
@@ -40,17 +43,14 @@ const OWN: &str = "demo";
 /// The environment of the simulated hallway.
 const HALLWAY: &str = "demo.hallway";
 
-/// Where one player must wait for the other, and answers after some steps: what is asked about at a
-/// lag. So little is sent with its lags that a demo lasts no longer for it.
-const LATER: Later = Later {
-    environment: "demo.forced_coordination",
-    ego: "player_1",
-    other: "player_0",
-    lag: 2,
-};
+/// The layout of which a twin is shown too: one player must wait for the other there.
+const WAITING: &str = "demo.forced_coordination";
 
-/// The lags of games: that which is asked about, and the one before, which is held fixed.
-const LAGS: [u32; 2] = [LATER.lag as u32 - 1, LATER.lag as u32];
+/// What is shown beside that layout and beside the planted follower: nothing is to be found in it.
+const TWIN: Twin = Twin {
+    kind: Kind::Shuffled,
+    seed: 0,
+};
 
 /// Trials of the simulated hallway: enough that something is established in it.
 const TRIALS: u32 = 300;
@@ -58,12 +58,13 @@ const TRIALS: u32 = 300;
 /// The demo lasts seconds, so priors are fitted more eagerly than usual.
 const FIT_EVERY: Duration = Duration::from_secs(1);
 
-/// Try it: the service, real human games, a simulated hallway, and what they show
+/// Try it: the service, real human games, a planted follower, a simulated hallway, and what they
+/// show
 #[derive(Debug, Args)]
 #[command(
-    long_about = "Start a service on a database of its own, send real human games of Overcooked and a simulated hallway into it over gRPC, show \
-    what it counts and finds meanwhile, say what was found, and keep serving until Ctrl-C.\n\n\
-    The games come with the program, and the hallway has a seed. A second run finds all of them counted and changes nothing.\n\n\
+    long_about = "Start a service on a database of its own, send real human games of Overcooked, a planted follower and a simulated \
+    hallway into it over gRPC, show what it counts and finds meanwhile, say what was found, and keep serving until Ctrl-C.\n\n\
+    The games come with the program, and what is simulated has a seed. A second run finds all of them counted and changes nothing.\n\n\
     Example:\n  nudge demo --data ./nudge-demo --duration 20s"
 )]
 pub(super) struct Demo {
@@ -123,17 +124,17 @@ impl Demo {
         let so_far = RefCell::new(SoFar::default());
         let shown = async {
             let connection = Connection::open(&address.to_string()).await?;
-            let environments = self.play(&connection).await?;
+            let played = self.play(&connection).await?;
 
-            so_far.borrow_mut().stage = Stage::Looking(environments.clone());
-            for environment in &environments {
+            so_far.borrow_mut().stage = Stage::Looking(played.alone.clone());
+            pooled::tell(&connection, &played.all()).await?;
+            for environment in &played.alone {
                 let seen = found::look(&connection, environment).await?;
                 so_far.borrow_mut().saw(seen, environment);
             }
 
             let best = so_far.borrow_mut().tell()?;
             so_far.borrow_mut().stage = Stage::Training;
-            found::tell_later(&connection, &LATER).await?;
             print(&to_try(address, &best))?;
             found::train(&connection, HALLWAY).await?;
             so_far.borrow_mut().stage = Stage::Told;
@@ -161,19 +162,16 @@ impl Demo {
         ))
     }
 
-    /// Sends the games and the hallway side by side, as far as they are not counted yet, and
-    /// returns the names of their environments.
-    async fn play(&self, connection: &Connection) -> Result<Vec<String>, Failure> {
+    /// Sends the games, the follower and the hallway side by side, as far as they are not counted
+    /// yet, and returns the names of their environments.
+    async fn play(&self, connection: &Connection) -> Result<Played, Failure> {
         // Reading them takes a second or two, which `--duration` and signals do not wait for.
         let parts = tokio::task::spawn_blocking(games)
             .await
             .map_err(Failure::usage)??;
-        let mut names: Vec<String> = parts.iter().map(Part::environment_name).collect();
-        names.push(HALLWAY.into());
-        names.sort();
-        names.dedup();
+        let names = Played::of_parts(&parts);
         if self.fresh {
-            forget(connection, &names).await?;
+            forget(connection, &names.all()).await?;
         }
 
         let hallway = Hallway::try_from(Protocol {
@@ -189,21 +187,67 @@ impl Demo {
         };
 
         let silent = Progress::silent();
-        let mut live = Live::begin(connection, names.clone()).await?;
-        let played = tokio::select! {
-            played = async { tokio::try_join!(Report::send_parts(&parts, connection, &silent), run.send(connection, |_| ())) } => played?,
+        let mut live = Live::begin(connection, names.alone.clone()).await?;
+        let sending = async {
+            tokio::try_join!(
+                Report::send_parts(&parts, connection, &silent),
+                run.send(connection, |_| ()),
+                planted::send(connection, None),
+                planted::send(connection, Some(TWIN)),
+            )
+        };
+        let sent = tokio::select! {
+            sent = sending => sent?,
             stopped = live.run() => match stopped? {},
         };
         live.finish();
 
-        let (mut report, hallway) = played;
+        let (mut report, hallway, follower, twin) = sent;
         report.add(HALLWAY.into(), hallway);
+        for (name, totals) in [follower, twin] {
+            report.add(name, totals);
+        }
         print(&format!(
-            "\nhuman games of Overcooked and a simulated hallway, each transition counted once\n{}",
+            "\nhuman games of Overcooked, and simulations: each transition counted once\n\n{}",
             report.table()
         ))?;
         Ok(names)
     }
+}
+
+/// The names of the environments that were played into.
+struct Played {
+    /// Those whose states are looked at each alone too, in order.
+    alone: Vec<String>,
+    /// Those whose truth is known: what is planted, and twins.
+    known: Vec<String>,
+}
+
+impl Played {
+    fn of_parts(parts: &[Part]) -> Self {
+        let names = parts.iter().map(Part::environment_name);
+        let twin = format!("{WAITING}.{TWIN}");
+        let mut alone: Vec<String> = names.filter(|name| *name != twin).collect();
+        alone.push(HALLWAY.into());
+        alone.sort();
+        alone.dedup();
+        let known = vec![
+            twin,
+            planted::environment_name(None),
+            planted::environment_name(Some(TWIN)),
+        ];
+        Self { alone, known }
+    }
+
+    fn all(&self) -> Vec<String> {
+        [&self.alone[..], &self.known].concat()
+    }
+}
+
+/// Returns the name of an environment of the demo without what begins them all.
+fn short(name: &str) -> &str {
+    let rest = name.strip_prefix(OWN);
+    rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(name)
 }
 
 /// How far the show is.
@@ -232,7 +276,7 @@ impl Stage {
     fn unfinished(&self) -> Option<(&'static str, String)> {
         match self {
             Self::Counting => Some((
-                "sending games and a hallway",
+                "sending games",
                 "what was counted, and where two agents depend on each other".to_owned(),
             )),
             Self::Looking(left) => Some((
@@ -296,9 +340,17 @@ async fn counted_before(app: &App) -> String {
 fn games() -> Result<Vec<Part>, Failure> {
     let mut parts = Vec::new();
     for (name, bytes) in overcooked::embedded() {
-        let found = ingest::parts_of(name, bytes, Abstraction::default(), &Lags::from(LAGS))?;
+        let found = ingest::parts_of(name, bytes, Abstraction::default(), &Lags::default())?;
         parts.extend(found.into_iter().map(|part| part.under(Some(OWN))));
     }
+    let waiting = parts
+        .iter()
+        .filter(|part| part.environment_name() == WAITING);
+    let twins: Vec<Part> = waiting
+        .cloned()
+        .map(|part| part.as_twin(Some(TWIN)))
+        .collect();
+    parts.extend(twins);
     Ok(parts)
 }
 
@@ -324,6 +376,7 @@ fn to_try(address: SocketAddr, best: &Best) -> String {
          curl -s 'http://{address}/v1/environments/{environment}/summary?fdr=0.05'\n  \
          curl -s -H 'accept: text/vnd.graphviz' 'http://{address}/v1/environments/{environment}/graph?key={key}'\n  \
          nudge query {environment} --key {key} --server http://{address}\n  \
+         nudge query {WAITING} --profile --both --svg profile.svg --server http://{address}\n  \
          buf curl --protocol grpc --http2-prior-knowledge -d '{{\"scope\":{{\"environment\":\"{environment}\"}},\"key\":\"{key}\"}}' \
          http://{address}/nudge.v1.InfluenceService/GetInfluence\n  \
          documentation: http://{address}/docs\n\nserving until Ctrl-C"

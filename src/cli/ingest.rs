@@ -12,8 +12,9 @@ use super::making::make;
 use super::progress::Progress;
 pub(super) use super::report::Report;
 use super::server::Server;
+use super::track::send_track;
 use super::twin::{Twin, TwinArguments};
-use crate::client::{Connection, Step, Totals, Track};
+use crate::client::{Connection, Step, Totals};
 use crate::domain::Schema;
 use crate::domain::draft::DescriptionDraft;
 use crate::recordings::overcooked::{self, Abstraction, Game, Kitchen, World};
@@ -72,6 +73,7 @@ enum Format {
 }
 
 /// The games of one file on one layout.
+#[derive(Clone)]
 pub(super) struct Part {
     world: World,
     environment: String,
@@ -193,17 +195,8 @@ impl Part {
             .replay();
         let mut producer = producer.open().await?;
         for game in &self.games {
-            producer.segment(Some(&game.trial)).await?;
-            let mut track = Track::new(producer.schema());
-            for step in self.played(game, producer.schema()) {
-                if let Some(transition) = track.step(step) {
-                    producer.send(transition).await?;
-                }
-                progress.step();
-            }
-            for transition in track.end() {
-                producer.send(transition).await?;
-            }
+            let steps = self.played(game, producer.schema());
+            send_track(&mut producer, &game.trial, steps, progress).await?;
         }
 
         let totals = producer.close().await?;

@@ -33,6 +33,7 @@ mod serve;
 mod server;
 mod signals;
 mod simulate;
+mod track;
 mod train;
 mod twin;
 

@@ -80,7 +80,7 @@ mod task;
 mod totals;
 
 pub use nudge_core::domain::Secret;
-pub use nudge_core::tracks::{Step, Track};
+pub use nudge_core::tracks::{Step, Track, twins};
 pub use {nudge_core::domain, nudge_wire::proto};
 
 pub use connection::{Connection, Readiness, derived_of, readiness, schema_of};

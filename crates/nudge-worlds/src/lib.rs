@@ -7,6 +7,7 @@
 //!     model of pedestrians (Helbing & Molnar 1995), as a solver of its own.
 //!   * [`simulation::hallway`], [`simulation::observation`], [`simulation::drawing`]: trials in a
 //!     hallway, what its pedestrians see of each other as transitions, and pictures in SVG.
+//!   * [`simulation::follower`]: two walkers, one of whom follows the other.
 //!   * [`simulation::planted`]: synthetic data with known ground truth: contingency tables in which
 //!     influence is planted or is not, stratified ones
 //!     ([`segments`](simulation::planted::segments)), and states of several agents with a known

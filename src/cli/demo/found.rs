@@ -1,15 +1,17 @@
-//! What the demo tells at the end: how much was counted, and where agents depend on each other.
+//! What the demo tells of states by themselves: how many there are, and in which of them agents most
+//! probably depend on each other.
 
-use crate::api::json::{dependence, verdict};
+use super::short;
+use crate::api::json::verdict;
 use crate::api::proto;
 use crate::cli::Failure;
-use crate::cli::output::{Table, count, figure, print};
+use crate::cli::output::{Table, count, figure, figure_or_dash, print};
 use crate::cli::progress::Progress;
 use crate::cli::train::Watched;
 use crate::client::{Connection, patiently};
 
-/// States told of each environment.
-const TOLD: u32 = 3;
+/// The columns of what is printed.
+const WIDTH: usize = 80;
 
 /// A state worth a look: its environment and its key.
 #[derive(Default)]
@@ -25,7 +27,13 @@ pub(super) struct Found {
     /// The most dependent state of all.
     pub best: Best,
     summaries: Vec<[String; 6]>,
-    states: Vec<[String; 10]>,
+    states: Vec<State>,
+}
+
+/// A state by its figures and by what people call it.
+struct State {
+    figures: [String; 7],
+    labels: Vec<String>,
 }
 
 impl Found {
@@ -35,10 +43,10 @@ impl Found {
             self.best = seen.best;
         }
         self.summaries.push(seen.summary);
-        self.states.extend(seen.states);
+        self.states.extend(seen.state);
     }
 
-    /// Prints what was counted and the most dependent states of each environment, if there is any.
+    /// Prints what was counted and the most dependent state of each environment, if there is any.
     pub(super) fn tell(&self) -> Result<(), Failure> {
         if self.summaries.is_empty() {
             return Ok(());
@@ -49,45 +57,75 @@ impl Found {
             "transitions",
             "states",
             "influence",
-            "some dependence",
-            "discoveries at 5 %",
-        ]);
-
-        let mut states = Table::new(&[
-            "environment",
-            "state",
-            "visits",
-            "plug-in",
-            "if independent",
-            "posterior mean",
-            "P(dependent)",
             "dependence",
-            "verdict",
-            "paper's rule",
+            "discoveries",
         ]);
-
         self.summaries
             .iter()
             .for_each(|row| summaries.row(row.clone()));
-        self.states.iter().for_each(|row| states.row(row.clone()));
-        print(&format!("\n{}", summaries.render("")))?;
         print(&format!(
-            "\nwhere two agents most probably depend on each other (information in nats)\n{}",
-            states.render("")
+            "\neach state by itself, in the same tick: how many there are\n\n{}",
+            summaries.render("")
+        ))?;
+
+        print(&format!(
+            "\nthe state of each where the two most probably depend on each other\n\n{}",
+            rendered(&self.states)
         ))?;
 
         print(
-            "\n\"influence\": mutual information is probably above 0.5 nats. \"some dependence\": there is any at all, however weak. Plug-in mutual \
-             information,\nthe paper's figure, is mostly bias at few visits: it stands beside what it would be if the agents were independent.",
+            "\ninfluence: mutual information is probably above 0.5 nats; dependence: there is\n\
+             any at all, however weak; discoveries: at a false discovery rate of 5 %.\n\
+             plug-in, the paper's figure, is mostly bias at few visits: chance is what it\n\
+             would be were the two independent, mean what the counts support.",
         )
     }
+}
+
+/// Returns states as text: a row of figures each, and below it the state.
+fn rendered(states: &[State]) -> String {
+    let mut table = Table::new(&[
+        "environment",
+        "visits",
+        "plug-in",
+        "chance",
+        "mean",
+        "P(dependent)",
+        "verdict",
+    ]);
+    for state in states {
+        table.row(state.figures.clone());
+    }
+
+    let table = table.render("");
+    let mut rows = table.lines();
+    let title = format!("{}\n", rows.next().unwrap_or_default());
+    let told = rows
+        .zip(states)
+        .map(|(row, state)| format!("{row}\n{}", wrapped(&state.labels)));
+    title + &told.collect::<String>()
+}
+
+/// Returns words in indented lines that are no wider than what is printed.
+fn wrapped(words: &[String]) -> String {
+    const INDENT: &str = "    ";
+    let mut lines: Vec<String> = Vec::new();
+    for word in words {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= WIDTH => {
+                line.push_str(&format!(" {word}"));
+            }
+            _ => lines.push(format!("{INDENT}{word}")),
+        }
+    }
+    lines.iter().map(|line| format!("{line}\n")).collect()
 }
 
 /// What was found in one environment.
 pub(super) struct Seen {
     best: Best,
     summary: [String; 6],
-    states: Vec<[String; 10]>,
+    state: Option<State>,
 }
 
 /// Looks at all that is counted of an environment.
@@ -95,60 +133,19 @@ pub(super) async fn look(connection: &Connection, environment: &str) -> Result<S
     let scope = scope(environment);
     settle(connection, &scope).await?;
     let summary = summary_row(environment, &summary(connection, &scope).await?);
-    let mut seen = Seen {
-        best: Best::default(),
-        summary,
-        states: Vec::new(),
-    };
-
-    for state in most_dependent(connection, environment).await? {
-        let key = state.state.clone().unwrap_or_default().key;
-        let dependent = state
+    let state = most_dependent(connection, environment).await?;
+    let best = state.as_ref().map_or(Best::default(), |state| Best {
+        environment: environment.to_owned(),
+        key: state.state.clone().unwrap_or_default().key,
+        dependent: state
             .probability
-            .map_or(0.0, |probability| probability.dependent);
-        if dependent > seen.best.dependent {
-            seen.best = Best {
-                environment: environment.to_owned(),
-                key: key.clone(),
-                dependent,
-            };
-        }
-        let paper = by_paper(connection, environment, &key).await?;
-        seen.states.push(state_row(environment, key, &state, paper));
-    }
-
-    Ok(seen)
-}
-
-/// A question at a lag.
-pub(super) struct Later {
-    pub environment: &'static str,
-    pub ego: &'static str,
-    pub other: &'static str,
-    pub lag: i32,
-}
-
-/// Prints what is found at a lag, in a line.
-pub(super) async fn tell_later(connection: &Connection, later: &Later) -> Result<(), Failure> {
-    let Later {
-        environment,
-        ego,
-        other,
-        lag,
-    } = *later;
-    let scope = proto::Scope {
-        ego: ego.into(),
-        other: other.into(),
-        lag,
-        ..scope(environment)
-    };
-    settle(connection, &scope).await?;
-    let summary = summary(connection, &scope).await?;
-    let established = summary.dependence.unwrap_or_default().established;
-    let [established, states] = [established, summary.states].map(count);
-    print(&format!(
-        "\n{lag} steps later {ego} has some influence on {other} in {established} of {states} states of {environment}, given what {other} did a step before"
-    ))
+            .map_or(0.0, |probability| probability.dependent),
+    });
+    Ok(Seen {
+        best,
+        summary,
+        state: state.map(|state| told(environment, &state)),
+    })
 }
 
 /// Trains a network for an environment, and prints whether it is worth asking.
@@ -235,49 +232,18 @@ async fn summary(
 async fn most_dependent(
     connection: &Connection,
     environment: &str,
-) -> Result<Vec<proto::StateFigures>, Failure> {
+) -> Result<Option<proto::StateFigures>, Failure> {
     let request = proto::ListStatesRequest {
         scope: Some(scope(environment)),
         order_by: "p_dependent desc".into(),
-        page_size: TOLD,
+        page_size: 1,
         ..Default::default()
     };
     let ask = || {
         let (mut client, request) = (connection.influence(), request.clone());
         async move { client.list_states(request).await }
     };
-    Ok(patiently(ask).await?.states)
-}
-
-/// Returns what the paper's rule says of a state.
-async fn by_paper(
-    connection: &Connection,
-    environment: &str,
-    key: &str,
-) -> Result<&'static str, Failure> {
-    let rule = proto::Rule {
-        kind: Some("paper".into()),
-        ..Default::default()
-    };
-    let request = proto::GetInfluenceRequest {
-        scope: Some(proto::Scope {
-            rule: Some(rule),
-            ..scope(environment)
-        }),
-        state: Some(proto::get_influence_request::State::Key(key.into())),
-        view: proto::View::Verdict.into(),
-        ..Default::default()
-    };
-
-    let answer = connection
-        .influence()
-        .get_influence(request)
-        .await?
-        .into_inner()
-        .answer
-        .unwrap_or_default();
-
-    Ok(verdict(answer.verdict))
+    Ok(patiently(ask).await?.states.pop())
 }
 
 fn scope(environment: &str) -> proto::Scope {
@@ -289,7 +255,7 @@ fn scope(environment: &str) -> proto::Scope {
 
 fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String; 6] {
     [
-        environment.to_owned(),
+        short(environment).to_owned(),
         count(summary.transitions),
         count(summary.states),
         count(summary.verdicts.map_or(0, |verdicts| verdicts.influences)),
@@ -306,24 +272,36 @@ fn summary_row(environment: &str, summary: &proto::SummarizeResponse) -> [String
     ]
 }
 
-fn state_row(
-    environment: &str,
-    key: String,
-    state: &proto::StateFigures,
-    paper: &str,
-) -> [String; 10] {
-    [
-        environment.to_owned(),
-        key,
+fn told(environment: &str, state: &proto::StateFigures) -> State {
+    let bins = state.state.clone().unwrap_or_default().bins;
+    let label = |bin: proto::Bin| format!("{}={}", bin.feature, bin.label);
+    let figures = [
+        short(environment).to_owned(),
         count(state.visits),
         figure(state.plug_in),
         figure(state.expected_if_independent),
-        state.posterior_mean.map_or("-".into(), figure),
-        state
-            .probability
-            .map_or("-".into(), |probability| figure(probability.dependent)),
-        dependence(state.dependence).unwrap_or("-").to_owned(),
+        figure_or_dash(state.posterior_mean),
+        figure_or_dash(state.probability.map(|probability| probability.dependent)),
         verdict(state.verdict).to_owned(),
-        paper.to_owned(),
-    ]
+    ];
+    State {
+        figures,
+        labels: bins.into_iter().map(label).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn states_are_told_by_their_labels_within_the_width() {
+        let words: Vec<String> = (0..9)
+            .map(|at| format!("player_{at}.orientation=N"))
+            .collect();
+        let told = wrapped(&words);
+        assert_eq!(told.split_whitespace().collect::<Vec<_>>(), words);
+        assert!(told.lines().all(|line| line.chars().count() <= WIDTH));
+        assert_eq!(told.lines().count(), 3);
+    }
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
+use super::short;
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, print};
@@ -145,7 +146,7 @@ fn table(lines: &[Line]) -> String {
         "a second",
         "states",
         "influence",
-        "some dependence",
+        "dependence",
     ]);
     for line in lines {
         let Line {
@@ -154,7 +155,7 @@ fn table(lines: &[Line]) -> String {
             summary,
         } = line;
         table.row([
-            environment.clone(),
+            short(environment).to_owned(),
             count(summary.transitions),
             count(*per_second as u64),
             count(summary.states),
@@ -172,7 +173,8 @@ fn plain(line: &Line) -> String {
         summary,
     } = line;
     format!(
-        "{environment}: {} transitions, {} a second, {} states, influence in {}, some dependence in {}\n",
+        "{}: {} transitions, {} a second, {} states, influence in {}, dependence in {}\n",
+        short(environment),
         count(summary.transitions),
         count(*per_second as u64),
         count(summary.states),

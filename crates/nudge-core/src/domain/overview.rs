@@ -3,8 +3,8 @@
 
 use super::draft::DiscoveryDraft;
 use super::{
-    Answer, Basis, Bin, Evidence, FitId, Label, Labels, ProfilePoint, Segmentation, StateKey, Tally,
-    Unit, Verdict,
+    Answer, Basis, Bin, Evidence, FitId, Label, Labels, ProfilePoint, Segmentation, StateKey,
+    Tally, Unit, Verdict,
 };
 use crate::error::{Fault, Problem};
 

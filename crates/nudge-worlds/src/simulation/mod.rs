@@ -3,6 +3,7 @@
 
 mod crowd;
 pub mod drawing;
+pub mod follower;
 pub mod hallway;
 mod neighbours;
 pub mod observation;
