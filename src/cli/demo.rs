@@ -240,7 +240,10 @@ impl Played {
     }
 
     fn all(&self) -> Vec<String> {
-        [&self.alone[..], &self.known].concat()
+        // A twin comes right after what it is a twin of.
+        let mut all = [&self.alone[..], &self.known].concat();
+        all.sort();
+        all
     }
 }
 

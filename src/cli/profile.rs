@@ -18,6 +18,9 @@ pub(super) struct ProfileArguments {
     /// The lags of the profile; 0 and all that are declared unless given
     #[arg(long, num_args = 1.., value_delimiter = ',', allow_negative_numbers = true, value_name = "STEPS", requires = "profile")]
     lags: Vec<i32>,
+    /// Say the other direction too: the other's action on the ego's
+    #[arg(long, requires = "profile", conflicts_with = "json")]
+    pub(super) both: bool,
     /// File to draw the profile into, as SVG
     #[arg(long, value_name = "FILE", requires = "profile")]
     svg: Option<PathBuf>,
@@ -37,37 +40,42 @@ impl ProfileArguments {
         }
     }
 
-    /// Draws a profile, where a file was given for it.
+    /// Draws a profile, or one of each direction, where a file was given for it.
     pub(super) fn draw(
         &self,
         environment: &str,
-        profile: &proto::GetProfileResponse,
+        profiles: &[proto::GetProfileResponse],
     ) -> Result<(), Failure> {
-        let Some(file) = &self.svg else {
+        let (Some(file), Some(first)) = (&self.svg, profiles.first()) else {
             return Ok(());
         };
-        let svg = plot(
-            &title(environment, profile),
-            &profile.unit,
-            &curves(profile),
-        );
+        let title = format!("{environment}, {}", first.region_in_words);
+        let curves: Vec<Curve> = profiles.iter().map(curve).collect();
+        let svg = plot(&title, &first.unit, &curves);
         std::fs::write(file, svg).map_err(|error| cannot_write(file, &error))
     }
 }
 
-fn curves(profile: &proto::GetProfileResponse) -> Vec<Curve> {
+fn curve(profile: &proto::GetProfileResponse) -> Curve {
     let point = |point: &proto::ProfilePoint| {
         let null = point.null.unwrap_or_default();
         (point.lag, point.excess, [null.lower, null.upper])
     };
-    vec![Curve {
+    let [ego, other] = pair(profile);
+    Curve {
+        name: format!("{ego} \u{2192} {other}"),
         points: profile.profile.iter().map(point).collect(),
-    }]
+    }
+}
+
+/// Returns whose influence on whom a profile is of.
+pub(super) fn pair(profile: &proto::GetProfileResponse) -> [String; 2] {
+    let labels = profile.labels.clone().unwrap_or_default();
+    [labels.ego, labels.other].map(|one| one.unwrap_or_default().name)
 }
 
 fn title(environment: &str, profile: &proto::GetProfileResponse) -> String {
-    let labels = profile.labels.clone().unwrap_or_default();
-    let [ego, other] = [labels.ego, labels.other].map(|one| one.unwrap_or_default().name);
+    let [ego, other] = pair(profile);
     let region = &profile.region_in_words;
     format!("{environment}: {ego} -> {other}, {region}")
 }

@@ -11,7 +11,7 @@ use super::region::{self, Regions};
 use super::server::Server;
 use super::{Failure, answers, graph};
 use crate::api::{json as dto, proto};
-use crate::client::schema_of;
+use crate::client::{Connection, schema_of};
 use crate::domain::Schema;
 use crate::domain::draft::{NamedValues, ValueDraft};
 use crate::error::{Fault, Problem};
@@ -30,6 +30,7 @@ use crate::error::{Fault, Problem};
     nudge query kitchen --key 3.0 --ego cook --other pot\n  \
     nudge query kitchen --region distance=2 held=onion,dish --lag 4\n  \
     nudge query kitchen --profile --region distance=1..2 --svg profile.svg\n  \
+    nudge query kitchen --profile --both --svg both.svg\n  \
     nudge query hallway --key 3.0 --rule-kind paper --rule-threshold 0.2 --json"
 )]
 pub(super) struct Query {
@@ -231,17 +232,27 @@ impl Query {
     async fn run_profile(self) -> Result<(), Failure> {
         let request = self.profile.request(self.scope(), self.regions.joined()?);
         let connection = self.server.connect().await?;
-        let ask = || {
-            let (mut client, request) = (connection.influence(), request.clone());
-            async move { client.get_profile(request).await }
-        };
-        let response = asked(ask).await?;
-
-        self.profile.draw(&self.environment, &response)?;
-        match self.json {
-            true => print_json(&to_json(dto::Profile::from(response))),
-            false => print(&profile::render(&self.environment, &response)),
+        let mut profiles = vec![asked_profile(&connection, &request).await?];
+        if self.profile.both {
+            let [ego, other] = profile::pair(&profiles[0]);
+            let scope = proto::Scope {
+                ego: other,
+                other: ego,
+                ..self.scope()
+            };
+            let back = self.profile.request(scope)?;
+            profiles.push(asked_profile(&connection, &back).await?);
         }
+
+        self.profile.draw(&self.environment, &profiles)?;
+        if self.json {
+            let first = profiles.swap_remove(0);
+            return print_json(&to_json(dto::Profile::from(first)));
+        }
+        let told = profiles
+            .iter()
+            .map(|one| profile::render(&self.environment, one));
+        print(&told.collect::<Vec<_>>().join("\n"))
     }
 
     /// Returns the question as the service takes it.
@@ -334,6 +345,17 @@ impl Query {
             None => proto::View::Figures,
         }
     }
+}
+
+async fn asked_profile(
+    connection: &Connection,
+    request: &proto::GetProfileRequest,
+) -> Result<proto::GetProfileResponse, Failure> {
+    let ask = || {
+        let (mut client, request) = (connection.influence(), request.clone());
+        async move { client.get_profile(request).await }
+    };
+    asked(ask).await
 }
 
 impl From<Rule> for proto::Rule {

@@ -25,8 +25,10 @@ pub const VERMILION: RGBColor = RGBColor(213, 94, 0);
 /// The third colour.
 pub const GREY: RGBColor = RGBColor(110, 110, 110);
 
-const INK: RGBColor = RGBColor(40, 40, 40);
-const RULE: RGBColor = RGBColor(222, 222, 222);
+/// What words are written in.
+pub const INK: RGBColor = RGBColor(40, 40, 40);
+/// What axes are ruled in.
+pub const RULE: RGBColor = RGBColor(222, 222, 222);
 
 /// The shape of a mark: no two look alike, so that nothing hangs on colour alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,6 +1,6 @@
 //! What all states of an environment say as one: whose action tells of whose, and how much later.
 
-use super::short;
+use super::{TWIN, short};
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, figure, print};
@@ -12,12 +12,12 @@ use crate::client::{Connection, patiently, schema_of};
 const LEVEL: f64 = 0.05;
 
 const EXPLAINED: &str = "
-excess: mutual information beyond what it would be without influence, in nats a
-step; chance: where that lies then, in 95 % of cases; p: how often chance shows
-as much; size: how strong it is; lag: steps from the one's action to the other's.
+excess: mutual information beyond what it would be without influence, nats a step;
+chance: where that lies then, in 95 % of cases; p: how often chance shows as much;
+size: how strong it is. Nothing is found where p is above .05 divided by the lags
+looked at, in either direction: the strongest of many is large by chance.
 `follower` is planted: it copies its leader two steps later, where they are near.
-`shuffled` is the same play with actions exchanged within each state: there is
-nothing left to be found in it.";
+`shuffled` is the same play with actions exchanged within each state.";
 
 /// One lag in one direction.
 struct Looked {
@@ -121,11 +121,11 @@ fn row(environment: &str, strongest: &Strongest) -> [String; 7] {
     let Looked { ego, other, point } = looked;
     let arrow = if point.directed { "->" } else { "--" };
     let (pair, size) = match is_found {
-        true => (format!("{ego} {arrow} {other}"), figure(point.size)),
+        true => (format!("{ego}{arrow}{other}"), figure(point.size)),
         false => ("nothing found".into(), "-".into()),
     };
     [
-        short(environment).into(),
+        label(environment),
         pair,
         point.lag.to_string(),
         figure(point.excess),
@@ -133,6 +133,15 @@ fn row(environment: &str, strongest: &Strongest) -> [String; 7] {
         p_value(point.p_value),
         size,
     ]
+}
+
+/// Returns what an environment is called here: a twin stands below what it is a twin of.
+fn label(environment: &str) -> String {
+    let twin = environment.strip_suffix(&TWIN.to_string());
+    match twin.is_some_and(|rest| rest.ends_with('.')) {
+        true => format!("  {TWIN}"),
+        false => short(environment).into(),
+    }
 }
 
 #[cfg(test)]
@@ -161,7 +170,7 @@ mod tests {
         };
         assert_eq!(
             line(true),
-            "kitchen player_1 -> player_0 6 0.0116 \u{b1}0.0040 2e-8 0.0271"
+            "kitchen player_1->player_0 6 0.0116 \u{b1}0.0040 2e-8 0.0271"
         );
         assert_eq!(
             line(false),

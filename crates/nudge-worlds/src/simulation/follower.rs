@@ -18,16 +18,16 @@ pub const LAG: u32 = 2;
 pub const NEAR: u32 = 1;
 
 /// How often it does there.
-const COPIED: f64 = 0.35;
+const COPIED: f64 = 0.5;
 
 const DISTANCES: usize = 6;
 const WEATHER: [&str; 3] = ["sun", "rain", "snow"];
 const HOURS: [&str; 4] = ["morning", "noon", "evening", "night"];
 const MOVES: [&str; 4] = ["north", "south", "east", "west"];
 
-/// Games, and steps of each.
-const GAMES: usize = 24;
-const STEPS: usize = 500;
+/// Games, and steps of each: few and long, so that a state is met some times in each.
+const GAMES: usize = 6;
+const STEPS: usize = 2_000;
 
 /// Returns the description of the environment, with what both do at these lags.
 pub fn description(lags: &[u32]) -> SchemaDraft {
