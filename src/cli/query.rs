@@ -240,7 +240,7 @@ impl Query {
                 other: ego,
                 ..self.scope()
             };
-            let back = self.profile.request(scope)?;
+            let back = self.profile.request(scope, self.regions.joined()?);
             profiles.push(asked_profile(&connection, &back).await?);
         }
 

@@ -56,6 +56,7 @@ mod store_model;
 mod support;
 mod tls;
 mod tracks;
+mod twins;
 mod uncertain_commit;
 mod unreadable;
 mod values;

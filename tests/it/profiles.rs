@@ -124,6 +124,12 @@ async fn faces_tell_the_same_profile() {
         assert_eq!(by_command, over_rest, "{written}");
     }
 
+    let both = ["--ego", "follower", "--other", "leader", "--both"];
+    let (code, told, stderr) = run(&app, &[&asked[..], &both].concat()).await;
+    assert_eq!(code, 0, "{stderr}");
+    let [first, second] = ["follower -> leader", "leader -> follower"].map(|pair| told.find(pair));
+    assert!(first < second && first.is_some(), "{told}");
+
     let directory = tempfile::tempdir().expect("a temporary directory");
     let file = directory.path().join("profile.svg");
     let file = file.to_str().expect("UTF-8");
@@ -131,7 +137,35 @@ async fn faces_tell_the_same_profile() {
     assert_eq!(code, 0, "{stderr}");
     assert!(told.contains("The peak is at lag 3"), "{told}");
     let svg = std::fs::read_to_string(file).expect("drawn");
-    assert_eq!(svg.matches("<circle").count(), 2);
+    // A mark is its inside and its edge; one more says what it means.
+    assert_eq!(svg.matches("<circle").count(), 2 * 3);
+}
+
+#[tokio::test]
+async fn a_summary_has_the_point_of_its_lag() {
+    let app = street().await;
+    for (lag, unit) in [(0, "nats"), (LAG, "bits")] {
+        let question = json!({"lags": [lag], "unit": unit});
+        let point = at(&asked(&app, question).await, lag).clone();
+        let path = format!("/v1/environments/street/summary?lag={lag}&unit={unit}");
+        let over_rest = app.get(&path).await;
+        assert_eq!(over_rest["pooled"], point);
+        assert_eq!(over_rest["habits_differ"], Value::Null, "one segment alone");
+
+        let scope = proto::Scope {
+            environment: "street".into(),
+            unit: unit.into(),
+            lag: lag as i32,
+            ..proto::Scope::default()
+        };
+        let request = proto::SummarizeRequest {
+            scope: Some(scope),
+            ..proto::SummarizeRequest::default()
+        };
+        let over_grpc = app.influence().await.summarize(request).await;
+        let over_grpc = dto::Summary::from(over_grpc.expect("valid").into_inner());
+        assert_eq!(serde_json::to_value(over_grpc).expect("JSON"), over_rest);
+    }
 }
 
 #[tokio::test]

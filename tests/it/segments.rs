@@ -185,7 +185,9 @@ async fn the_evidence_knows_about_segments() {
         ),
         (None, None)
     );
-    assert!(get(&app, "summary").await["segmentation"]["differ"].as_f64() > Some(0.3));
+    let summary = get(&app, "summary").await;
+    assert!(summary["segmentation"]["differ"].as_f64() > Some(0.3));
+    assert!(summary["habits_differ"].as_f64() > Some(0.3));
 
     // Nobody needs to ask for a test to be warned.
     let warned = answer(&app, "key=0").await["warnings"].clone();

@@ -12,12 +12,12 @@ use crate::client::{Connection, patiently, schema_of};
 const LEVEL: f64 = 0.05;
 
 const EXPLAINED: &str = "
-excess: mutual information beyond what it would be without influence, nats a step;
-chance: where that lies then, in 95 % of cases; p: how often chance shows as much;
-size: how strong it is. Nothing is found where p is above .05 divided by the lags
-looked at, in either direction: the strongest of many is large by chance.
-`follower` is planted: it copies its leader two steps later, where they are near.
-`shuffled` is the same play with actions exchanged within each state.";
+excess: mutual information beyond what it would be without influence, in nats a
+step; chance: where that lies then, in 95 % of cases; p: how often chance shows
+as much; size: how strong it is. Nothing is found where p is above .05 divided by
+the lags looked at, both ways: the strongest of many is large by chance.
+follower is planted: it copies its leader two steps later, where they are near.
+shuffled is the same play with actions exchanged within each state.";
 
 /// One lag in one direction.
 struct Looked {
