@@ -5,6 +5,7 @@ use std::path::Path;
 
 use nudge::client::{Connection, Step, Track, twins};
 use nudge::domain::Schema;
+use nudge::domain::draft::DescriptionDraft;
 use nudge::recordings::overcooked;
 use nudge::simulation::follower;
 use serde_json::Value;
@@ -97,7 +98,7 @@ async fn send(app: &TestApp, environment: &str, change: impl Fn(&Schema, Vec<Ste
         .await
         .expect("connected");
     let lags: Vec<u32> = (1..=4).collect();
-    let description = follower::description(&lags).into();
+    let description = DescriptionDraft::from(follower::description(&lags));
     connection
         .apply(environment, description)
         .await
