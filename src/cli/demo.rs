@@ -3,6 +3,7 @@
 
 mod found;
 mod live;
+mod names;
 mod planted;
 mod pooled;
 
@@ -15,6 +16,7 @@ use clap::Args;
 
 use self::found::{Best, Found};
 use self::live::Live;
+use self::names::{OWN, TWIN};
 use super::Failure;
 use super::addresses::{address, reachable};
 use super::config::{Config, database};
@@ -27,7 +29,6 @@ use super::report::Report;
 use super::serve::Service;
 use super::signals::Signals;
 use super::simulate::{Pace, Run};
-use super::twin::{Kind, Twin};
 use crate::api::proto;
 use crate::app::App;
 use crate::client::Connection;
@@ -36,21 +37,11 @@ use crate::recordings::overcooked::{self, Abstraction};
 use crate::simulation::hallway::{Hallway, Protocol};
 use crate::telemetry;
 
-/// What the names of the demo's environments begin with: they are its own, as what is sent into them
-/// may be described otherwise by the next build.
-const OWN: &str = "demo";
-
 /// The environment of the simulated hallway.
 const HALLWAY: &str = "demo.hallway";
 
 /// The layout of which a twin is shown too: one player must wait for the other there.
 const WAITING: &str = "demo.forced_coordination";
-
-/// What is shown beside that layout and beside the planted follower: nothing is to be found in it.
-const TWIN: Twin = Twin {
-    kind: Kind::Shuffled,
-    seed: 0,
-};
 
 /// Trials of the simulated hallway: enough that something is established in it.
 const TRIALS: u32 = 300;
@@ -245,12 +236,6 @@ impl Played {
         all.sort();
         all
     }
-}
-
-/// Returns the name of an environment of the demo without what begins them all.
-fn short(name: &str) -> &str {
-    let rest = name.strip_prefix(OWN);
-    rest.and_then(|rest| rest.strip_prefix('.')).unwrap_or(name)
 }
 
 /// How far the show is.

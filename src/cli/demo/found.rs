@@ -1,7 +1,7 @@
 //! What the demo tells of states by themselves: how many there are, and in which of them agents most
 //! probably depend on each other.
 
-use super::short;
+use super::names::short;
 use crate::api::json::verdict;
 use crate::api::proto;
 use crate::cli::Failure;

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::short;
+use super::names::short;
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, count, print};

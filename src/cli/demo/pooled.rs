@@ -1,6 +1,6 @@
 //! What all states of an environment say as one: whose action tells of whose, and how much later.
 
-use super::{TWIN, short};
+use super::names::{TWIN, short};
 use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, figure, print};
