@@ -336,7 +336,7 @@ fn games() -> Result<Vec<Part>, Failure> {
         .filter(|part| part.environment_name() == WAITING);
     let twins: Vec<Part> = waiting
         .cloned()
-        .map(|part| part.as_twin(Some(TWIN)))
+        .map(|part| part.with_twin(Some(TWIN)))
         .collect();
     parts.extend(twins);
     Ok(parts)

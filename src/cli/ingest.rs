@@ -96,7 +96,7 @@ impl Ingest {
                 .map_err(|error| Failure::usage(format!("cannot read {name}: {error}")))?;
             let found = parts_of(&name, &bytes, self.abstraction, &self.lags)?;
             let twin = self.twin.twin();
-            let named = |part: Part| part.under(self.name.as_deref()).as_twin(twin);
+            let named = |part: Part| part.under(self.name.as_deref()).with_twin(twin);
             parts.extend(found.into_iter().map(named));
         }
 
@@ -157,7 +157,7 @@ impl Part {
 
     /// Returns a twin of the games, for an environment and from a producer of its own; the same where
     /// none is wanted.
-    pub(super) fn as_twin(self, twin: Option<Twin>) -> Self {
+    pub(super) fn with_twin(self, twin: Option<Twin>) -> Self {
         let Some(twin) = twin else { return self };
         Self {
             environment: format!("{}.{twin}", self.environment),

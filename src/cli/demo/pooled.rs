@@ -164,7 +164,6 @@ mod tests {
         };
         let line = |is_found| {
             let [ego, other] = ["player_1", "player_0"].map(str::to_owned);
-            let point = point.clone();
             let looked = Looked { ego, other, point };
             row("demo.kitchen", &Strongest { looked, is_found }).join(" ")
         };
