@@ -36,6 +36,16 @@ impl BinSet {
         self.0.get(at).is_some_and(|run| run.start <= bin)
     }
 
+    /// Returns the bins that are in another set too.
+    pub(super) fn intersection(&self, other: &Self) -> Self {
+        let shared = |a: &Range<u32>, b: &Range<u32>| a.start.max(b.start)..a.end.min(b.end);
+        let pairs = self
+            .0
+            .iter()
+            .flat_map(|a| other.0.iter().map(move |b| shared(a, b)));
+        Self::of_runs(pairs.collect())
+    }
+
     /// Returns its runs, rising.
     pub(super) fn runs(&self) -> &[Range<u32>] {
         &self.0
@@ -71,6 +81,15 @@ mod tests {
             prop_assert!((0..50).all(|bin| set.contains(bin) == bins.contains(&bin)));
             prop_assert_eq!(&set, &BinSet::of_bins(bins.into_iter().rev()));
             prop_assert!(set.runs().windows(2).all(|two| two[0].end < two[1].start));
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn bins_of_two_sets_are_in_both(one in proptest::collection::vec(0u32..20, 0..9), other in proptest::collection::vec(0u32..20, 0..9)) {
+            let both: BTreeSet<u32> = one.iter().filter(|bin| other.contains(bin)).copied().collect();
+            let [one, other] = [one, other].map(BinSet::of_bins);
+            prop_assert_eq!(one.intersection(&other), BinSet::of_bins(both));
         }
     }
 

@@ -421,6 +421,19 @@ pub struct ProfileDraft {
     pub lags: Vec<i64>,
 }
 
+/// A question for the regions in which a pair depends, unchecked.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RegionSearchDraft {
+    /// Whose influence on whom, from which counts.
+    pub pair: PairDraft,
+    /// The states that are searched.
+    pub region: RegionDraft,
+    /// The most regions; 0 for the default.
+    pub most: u64,
+    /// The share of false ones among those told that is accepted on average.
+    pub fdr: Option<f64>,
+}
+
 /// A question for what to try next, unchecked.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct ExplorationDraft {

@@ -6,6 +6,7 @@ mod words;
 mod written;
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::bin_set::BinSet;
@@ -112,6 +113,28 @@ impl Region {
     /// Returns whether it is the whole environment.
     pub fn is_everything(&self) -> bool {
         self.0.is_empty()
+    }
+
+    /// Returns those of its states in which some coordinates have one of these bins: from the first to
+    /// before the last. At least one bin of each must be left.
+    pub fn narrowed<'a>(
+        &self,
+        conditions: impl IntoIterator<Item = (&'a Coordinate, Range<u32>)>,
+    ) -> Self {
+        let mut all = self.0.to_vec();
+        for (coordinate, bins) in conditions {
+            let bins = BinSet::of_runs(vec![bins]);
+            match all.iter_mut().find(|one| one.coordinate == *coordinate) {
+                Some(condition) => condition.bins = condition.bins.intersection(&bins),
+                None => all.push(Condition {
+                    coordinate: coordinate.clone(),
+                    bins,
+                }),
+            }
+        }
+        all.sort_by_key(|condition| condition.coordinate.place());
+        all.retain(|condition| !condition.is_free());
+        Self(all.into())
     }
 
     /// Returns its canonical description, of which [`Region::checked`] makes the same region.

@@ -18,7 +18,8 @@
 //! | [`p_value`], [`smallest_p`] | could chance alone have made these counts, and could it be told? |
 //! | [`policy`] | information under other habits of the ego |
 //! | [`pooled`] | many tables asked about as one: tests, size, intervals |
-//! | [`benjamini_hochberg`], [`bayesian_fdr`] | which of many states to call influenced |
+//! | [`search`] | in which states dependence lives |
+//! | [`benjamini_hochberg`], [`bayesian_fdr`], [`q_values`] | which of many states to call influenced |
 //!
 //! # Conventions
 //!
@@ -50,6 +51,7 @@ pub mod policy;
 pub mod pooled;
 #[cfg(test)]
 pub(crate) mod samples;
+pub mod search;
 mod significance;
 mod table;
 mod urn;
@@ -66,6 +68,7 @@ pub use mutual_information::{excess, miller_madow, plug_in};
 pub use null::moments::Moments;
 pub use null::{ExpectedMethod, expected_if_independent};
 pub use significance::{
-    Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, smallest_p,
+    Method, Significance, bayesian_fdr, benjamini_hochberg, p_value, p_value_while, q_values,
+    smallest_p,
 };
 pub use table::{LARGEST_TOTAL, Occupied, Table};

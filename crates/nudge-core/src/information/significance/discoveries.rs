@@ -28,6 +28,24 @@ pub fn benjamini_hochberg(p_values: &[f64], alpha: f64) -> Vec<bool> {
         .collect()
 }
 
+/// Returns the q-value of each test (Storey 2002, with all hypotheses taken for true): the smallest
+/// false discovery rate at which [`benjamini_hochberg`] rejects it, min over p_(k) >= p of
+/// m p_(k) / k, in \[0, 1\].
+pub fn q_values(p_values: &[f64]) -> Vec<f64> {
+    let mut order: Vec<usize> = (0..p_values.len()).collect();
+    order.sort_by(|a, b| p_values[*b].total_cmp(&p_values[*a]));
+
+    let all = p_values.len() as f64;
+    let mut q_values = vec![1.0; p_values.len()];
+    let (mut smallest, mut k) = (1.0_f64, all);
+    for at in order {
+        smallest = smallest.min(all * p_values[at] / k);
+        q_values[at] = smallest;
+        k -= 1.0;
+    }
+    q_values
+}
+
 /// What 1 - P may be off by: at a level of .05, P = .95 is to be chosen.
 const ROUNDING: f64 = 1e-12;
 
@@ -104,6 +122,16 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn a_q_value_is_the_rate_from_which_a_test_passes(p_values in prop::collection::vec(0.0..1.0_f64, 0..9)) {
+            let q_values = q_values(&p_values);
+            for (at, q) in q_values.iter().enumerate() {
+                prop_assert!(*q <= 1.0 && *q >= p_values[at]);
+                prop_assert!(benjamini_hochberg(&p_values, q + 1e-9)[at]);
+                prop_assert!(!benjamini_hochberg(&p_values, q - 1e-9)[at] || *q == 1.0);
+            }
+        }
+
         #[test]
         fn order_does_not_matter(
             (one, other) in prop::collection::vec(0..=20_u32, 0..20).prop_flat_map(|v| (Just(v.clone()), Just(v).prop_shuffle())),

@@ -16,7 +16,7 @@ mod permutation;
 #[cfg(test)]
 mod tests;
 
-pub use discoveries::{bayesian_fdr, benjamini_hochberg};
+pub use discoveries::{bayesian_fdr, benjamini_hochberg, q_values};
 pub(super) use g_test::freedoms;
 pub(super) use hypergeometric::draw as draw_marked;
 pub(super) use permutation::Sampler;

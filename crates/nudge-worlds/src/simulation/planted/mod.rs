@@ -11,6 +11,7 @@ pub mod graphs;
 mod hard;
 mod joint;
 pub mod lagged;
+pub mod regions;
 pub mod segments;
 #[cfg(test)]
 mod tests;
