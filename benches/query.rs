@@ -17,10 +17,10 @@ use nudge::api::proto::influence_service_client::InfluenceServiceClient;
 use nudge::api::proto::influence_service_server::{InfluenceService, InfluenceServiceServer};
 use nudge::api::proto::{
     BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
-    FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
-    GetInfluenceResponse, GetProfileRequest, GetProfileResponse, GetStateRequest, GetStateResponse,
-    ListStatesRequest, ListStatesResponse, Rule, Scope, StateValues, SummarizeRequest,
-    SummarizeResponse, View,
+    FindRegionsRequest, FindRegionsResponse, FitPriorRequest, FitPriorResponse, GetGraphRequest,
+    GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetProfileRequest,
+    GetProfileResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
+    Rule, Scope, StateValues, SummarizeRequest, SummarizeResponse, View,
 };
 use support::http::{get, latencies, report_tail};
 use support::{
@@ -456,6 +456,12 @@ impl InfluenceService for Constant {
         &self,
         _: Request<GetProfileRequest>,
     ) -> Result<Response<GetProfileResponse>, Status> {
+        Err(Status::unimplemented("a constant"))
+    }
+    async fn find_regions(
+        &self,
+        _: Request<FindRegionsRequest>,
+    ) -> Result<Response<FindRegionsResponse>, Status> {
         Err(Status::unimplemented("a constant"))
     }
     async fn explore(

@@ -28,6 +28,7 @@ mod profile;
 mod progress;
 mod query;
 mod region;
+mod regions;
 mod report;
 mod serve;
 mod server;
@@ -71,6 +72,7 @@ enum Command {
     Env(env::Env),
     Ingest(ingest::Ingest),
     Query(Box<query::Query>),
+    Regions(Box<regions::Regions>),
     Train(train::Train),
     #[command(subcommand)]
     Model(model::Model),
@@ -122,6 +124,7 @@ fn execute(cli: Cli) -> Result<(), Failure> {
             Command::Env(command) => command.run().await,
             Command::Ingest(command) => command.run().await,
             Command::Query(command) => command.run().await,
+            Command::Regions(command) => command.run().await,
             Command::Train(command) => command.run().await,
             Command::Model(command) => command.run().await,
             Command::Simulate(command) => command.run().await,

@@ -144,7 +144,7 @@ enum View {
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
-enum Within {
+pub(super) enum Within {
     /// Tests of independence
     Auto,
     /// Tests of independence, the plug-in and its mean under independence

@@ -14,6 +14,7 @@
 //! | a page of all states | `pages` | `listing`, `order` |
 //! | all states in sum, what to try next | `overviews` | `summary`, `explore` |
 //! | all states of a region as one, by lag | `overviews` | `profile` |
+//! | the regions in which influence lives | `overviews` | `region_search` |
 //! | a fit | `fits` | [`crate::priors`] |
 //!
 //! Each begins with its `query_context`, which `contexts` finds, its policy by `policy_segments`. An `assessor` says of one state's
@@ -53,6 +54,7 @@ mod query_context;
 mod questions;
 mod region_answers;
 mod region_warnings;
+mod region_search;
 mod row;
 mod rows;
 mod size;
@@ -69,6 +71,7 @@ use pass_cache::PassCache;
 use profile::{Points, ProfileKey};
 use query_context::{CountRankingKey, RankingKey};
 use region_answers::{Made, RegionKey};
+use region_search::{Candidates, RegionSearchKey};
 use state_ranking::StateRanking;
 
 use crate::domain::{DiscoveryMethod, EnvironmentId, FittedPrior, Pair};
@@ -102,6 +105,7 @@ pub struct Handles {
     explored: PassCache<(RankingKey, u64), Explored>,
     profiles: PassCache<ProfileKey, Points>,
     regions: PassCache<RegionKey, Made>,
+    region_searches: PassCache<RegionSearchKey, Candidates>,
     fitting: Jobs<FitKey, Vec<FittedPrior>>,
 }
 
@@ -125,6 +129,7 @@ impl Influence {
             explored: PassCache::new("the exploration", stopping()),
             profiles: PassCache::new("the profile", stopping()),
             regions: PassCache::new("the answer", stopping()),
+            region_searches: PassCache::new("the search for regions", stopping()),
             fitting: Jobs::new("the fit", FITTED, stopping()),
             store,
             fits,

@@ -7,11 +7,13 @@ use tracing::instrument;
 
 use super::explore::{self, Explored};
 use super::profile::{self, ProfileContext};
+use super::region_search::{self, RegionSearchContext};
 use super::store_errors::logged;
 use super::{Influence, size, summary};
 use crate::domain::draft::{ExplorationDraft, SummaryDraft};
 use crate::domain::{
-    Discovery, Environment, Exploration, Profile, ProfileQuestion, Scope, Summary, page_size,
+    Discovery, Environment, Exploration, Halves, Profile, ProfileQuestion, RegionSearch,
+    RegionSearchQuestion, Scope, Summary, page_size,
 };
 use crate::error::{Fault, Problem};
 use crate::work::{Progress, aside};
@@ -121,6 +123,42 @@ impl Influence {
         let points = self.profiles.get(context.key(), totals, |_| true, made);
         let points = points.await?;
         Ok(context.told(&points, points.as_of))
+    }
+}
+
+impl Influence {
+    /// Returns the regions in which a pair depends: found in one half of the counts, tested on the
+    /// other.
+    #[instrument(level = "debug", skip_all, fields(environment = %environment.name))]
+    pub async fn regions(
+        &self,
+        environment: &Arc<Environment>,
+        question: RegionSearchQuestion,
+    ) -> Result<RegionSearch, Problem> {
+        let segments = question.segments.as_deref();
+        let segments = self.segments(environment, segments).await?;
+        let mut dealt = self.store.segments(environment.id).await.map_err(logged)?;
+        if let Some(asked) = &segments {
+            dealt.retain(|(id, _)| asked.contains(id));
+        }
+        let context = RegionSearchContext {
+            halves: Halves::deal(&dealt, question.within),
+            environment: environment.clone(),
+            question,
+            segments,
+        };
+
+        let totals = self.store.totals(environment.id).await.map_err(logged)?;
+        let made = |progress: Progress| {
+            let (this, context) = (self.clone(), context.clone());
+            async move {
+                let (store, gate) = (&*this.store, &this.work.passes);
+                region_search::make(store, gate, &context, &progress).await
+            }
+        };
+        let searches = &self.region_searches;
+        let candidates = searches.get(context.key(), totals, |_| true, made).await?;
+        Ok(context.told(&candidates, candidates.as_of))
     }
 }
 

@@ -526,6 +526,13 @@ impl InfluenceService for Fake {
         Err(Status::unimplemented("not here"))
     }
 
+    async fn find_regions(
+        &self,
+        _: Request<proto::FindRegionsRequest>,
+    ) -> Result<Response<proto::FindRegionsResponse>, Status> {
+        Err(Status::unimplemented("not here"))
+    }
+
     async fn explore(
         &self,
         _: Request<proto::ExploreRequest>,

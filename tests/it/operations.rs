@@ -283,7 +283,7 @@ async fn every_refusal_has_a_body() {
 }
 
 /// Every path of REST. Each is a promise: one that comes is written here, and none goes.
-const PATHS: [&str; 17] = [
+const PATHS: [&str; 18] = [
     "/v1/environments",
     "/v1/environments/{environment}",
     "/v1/environments/{environment}/explore",
@@ -297,6 +297,7 @@ const PATHS: [&str; 17] = [
     "/v1/environments/{environment}/models/{model}/weights",
     "/v1/environments/{environment}/producers/{producer}",
     "/v1/environments/{environment}/profile",
+    "/v1/environments/{environment}/regions",
     "/v1/environments/{environment}/states",
     "/v1/environments/{environment}/states/{key}",
     "/v1/environments/{environment}/summary",

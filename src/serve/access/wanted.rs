@@ -64,6 +64,8 @@ const REST: &[(&str, Wanted)] = &[
     ("GET /v1/environments/{environment}/summary", READ),
     ("GET /v1/environments/{environment}/profile", READ),
     ("POST /v1/environments/{environment}/profile", READ),
+    ("GET /v1/environments/{environment}/regions", READ),
+    ("POST /v1/environments/{environment}/regions", READ),
     ("GET /v1/environments/{environment}/graph", READ),
     ("GET /v1/environments/{environment}/explore", READ),
     ("POST /v1/environments/{environment}/fit", TRAIN),
@@ -128,6 +130,7 @@ const GRPC: &[(&str, Wanted)] = &[
     ("/nudge.v1.InfluenceService/ListStates", READ),
     ("/nudge.v1.InfluenceService/Summarize", READ),
     ("/nudge.v1.InfluenceService/GetProfile", READ),
+    ("/nudge.v1.InfluenceService/FindRegions", READ),
     ("/nudge.v1.InfluenceService/GetGraph", READ),
     ("/nudge.v1.InfluenceService/Explore", READ),
     ("/nudge.v1.InfluenceService/FitPrior", TRAIN),
@@ -321,6 +324,7 @@ mod tests {
             let asks = endpoint.starts_with("GET")
                 || endpoint.ends_with("/influence")
                 || endpoint.ends_with("/profile")
+                || endpoint.ends_with("/regions")
                 || endpoint.ends_with("/infer");
             let reads = wanted
                 .scopes()

@@ -6,13 +6,14 @@ use super::{Face, call};
 use crate::api::proto::influence_service_server::InfluenceService;
 use crate::api::proto::{
     BatchGetInfluenceRequest, BatchGetInfluenceResponse, ExploreRequest, ExploreResponse,
-    FitPriorRequest, FitPriorResponse, GetGraphRequest, GetGraphResponse, GetInfluenceRequest,
-    GetInfluenceResponse, GetProfileRequest, GetProfileResponse, GetStateRequest, GetStateResponse,
-    ListStatesRequest, ListStatesResponse, SummarizeRequest, SummarizeResponse,
+    FindRegionsRequest, FindRegionsResponse, FitPriorRequest, FitPriorResponse, GetGraphRequest,
+    GetGraphResponse, GetInfluenceRequest, GetInfluenceResponse, GetProfileRequest,
+    GetProfileResponse, GetStateRequest, GetStateResponse, ListStatesRequest, ListStatesResponse,
+    SummarizeRequest, SummarizeResponse,
 };
 use crate::api::{fitting, grpc};
 use crate::domain::draft::QuestionDraft;
-use crate::domain::{Answers, Asked, ProfileQuestion, RegionAnswers, View};
+use crate::domain::{Answers, Asked, ProfileQuestion, RegionAnswers, RegionSearchQuestion, View};
 use crate::error::Problem;
 use crate::serve::costs::STATE_BYTES;
 use crate::work::aside;
@@ -140,6 +141,25 @@ impl InfluenceService for Face {
                 .app
                 .influence
                 .profile(&environment, question)
+                .await?
+                .into())
+        })
+        .await
+    }
+
+    async fn find_regions(
+        &self,
+        request: Request<FindRegionsRequest>,
+    ) -> Result<Response<FindRegionsResponse>, Status> {
+        let face = self.asked(&request);
+        call("FindRegions", async {
+            let (environment, draft) = grpc::region_search(request.into_inner())?;
+            let environment = face.app.environments.find(&environment)?;
+            let question = RegionSearchQuestion::new(&environment, &draft)?;
+            Ok(face
+                .app
+                .influence
+                .regions(&environment, question)
                 .await?
                 .into())
         })

@@ -20,6 +20,7 @@ mod parameters;
 pub mod problems;
 mod profile;
 mod refusals;
+mod regions;
 mod routes;
 mod states;
 mod summary;

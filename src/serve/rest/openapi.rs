@@ -203,7 +203,7 @@ mod tests {
             .values()
             .flat_map(|path| path.as_object().expect("operations").values())
             .collect();
-        assert_eq!(operations.len(), 25);
+        assert_eq!(operations.len(), 27);
         for operation in operations {
             for status in [
                 "400", "401", "403", "404", "405", "409", "413", "415", "429", "500", "503",

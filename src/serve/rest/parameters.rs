@@ -160,6 +160,40 @@ pub struct ProfileParameters {
     lags: Option<Vec<i64>>,
 }
 
+/// Whose regions, from which counts, within which region.
+#[derive(IntoParams)]
+#[into_params(parameter_in = Query)]
+#[allow(dead_code)]
+pub struct RegionSearchParameters {
+    /// The agent whose influence is asked about; the first by default.
+    ego: Option<String>,
+    /// The agent that may be influenced; the second by default. Or an outcome with values.
+    other: Option<String>,
+    /// How many steps later the other's action is observed; 0, the same tick, by default.
+    #[param(minimum = 0, maximum = 64)]
+    lag: Option<i64>,
+    /// Agents whose actions are held fixed, repeated or joined by commas.
+    given: Option<Vec<String>>,
+    /// The segments to count, repeated or joined by commas; all by default.
+    segments: Option<Vec<String>>,
+    /// Whether actions are compared within each segment alone, and segments dealt into halves: `auto`
+    /// (the default) and `segments` say yes, `pooled` no.
+    #[param(example = "auto")]
+    within: Option<json::Within>,
+    /// The unit of the figures, `nats` or `bits`; the rule's by default.
+    unit: Option<json::Unit>,
+    /// The states that are searched: a parameter `region.NAME` a condition on a feature of the state
+    /// or a derived one, `1`, `onion,dish`, `1..2` or `#0,#1` for bins by number.
+    #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"region.distance": "1..2", "region.held": "onion,dish"}), required = false)]
+    region: Option<BTreeMap<String, String>>,
+    /// The most regions that are tested; 10 by default.
+    #[param(minimum = 1, maximum = 10)]
+    most: Option<u64>,
+    /// The share of false ones among the regions told that is accepted on average; .05 by default.
+    #[param(example = 0.05)]
+    fdr: Option<f64>,
+}
+
 /// Which states, in which order.
 #[derive(IntoParams)]
 #[into_params(parameter_in = Query)]

@@ -7,7 +7,8 @@ use utoipa_axum::routes;
 
 use super::extract::MostBytes;
 use super::{
-    environments, graph, influence, learning, models, profile, states, summary, transitions,
+    environments, graph, influence, learning, models, profile, regions, states, summary,
+    transitions,
 };
 use crate::api::MOST_MESSAGE_BYTES;
 use crate::app::App;
@@ -35,6 +36,7 @@ pub fn routes() -> OpenApiRouter<App> {
         .routes(routes!(states::get_state))
         .routes(routes!(summary::summarize))
         .routes(routes!(profile::get_profile, profile::ask_profile))
+        .routes(routes!(regions::get_regions, regions::ask_regions))
         .routes(routes!(graph::get_graph))
         .routes(routes!(learning::explore))
         .routes(routes!(learning::fit_prior))

@@ -10,6 +10,7 @@ mod profile;
 mod question;
 mod region;
 mod region_answer;
+mod region_search;
 
 pub use ingest::{acknowledgements, batch, producer, receipt, sequence};
 #[cfg(feature = "rest")]
@@ -19,3 +20,4 @@ pub use profile::profile;
 pub use question::{
     batch_question, exploration, fit, graph, list_states, question, scope, summary,
 };
+pub use region_search::region_search;

@@ -24,6 +24,7 @@ mod question;
 mod receipt;
 mod record;
 mod region;
+mod region_search;
 mod rule;
 mod transitions;
 mod whole;
@@ -56,11 +57,12 @@ pub use problem::{Fault, Problem};
 pub use profile::{Profile, ProfilePoint, ProfileQuestion};
 pub use query::{
     exploration, fit, graph, head_of_query, listing, no_head, page, profile, question_of_query,
-    summary,
+    region_search, summary,
 };
 pub use question::{NamedState, Question};
 pub use receipt::{Producer, Receipt, Rejection};
 pub use region::Region;
+pub use region_search::{FoundRegion, RegionSearch, RegionSearchQuestion};
 pub use rule::Rule;
 pub use transitions::{
     Action, FeatureValue, Head, Incoming, Transition, Transitions, batch_of_json, batch_of_lines,

@@ -4,7 +4,7 @@
 use nudge_core::domain::RuleDraft;
 use nudge_core::domain::draft::{
     DiscoveryDraft, ExplorationDraft, ListingDraft, PairDraft, PolicyDraft, ProfileDraft,
-    QuestionDraft, RegionDraft, StatesDraft, SummaryDraft,
+    QuestionDraft, RegionDraft, RegionSearchDraft, StatesDraft, SummaryDraft,
 };
 use nudge_core::error::Problem;
 
@@ -185,6 +185,28 @@ pub fn profile(mut query: Parameters) -> Result<ProfileDraft, Problem> {
         pair,
         region: query.region(),
         lags: query.numbers("lags", "a whole number of steps"),
+    };
+    query.finish(draft)
+}
+
+/// Reads in which regions a pair is looked at for dependence: of the whole environment, or within a
+/// region by a parameter `region.NAME` a condition.
+pub fn region_search(mut query: Parameters) -> Result<RegionSearchDraft, Problem> {
+    let pair = PairDraft {
+        ego: query.text("ego"),
+        other: query.text("other"),
+        lag: query.lag(),
+        given: query.list("given"),
+        segments: query.list("segments"),
+        within: query.text("within"),
+        unit: query.text("unit"),
+        ..PairDraft::default()
+    };
+    let draft = RegionSearchDraft {
+        pair,
+        region: query.region(),
+        most: query.whole("most").unwrap_or(0),
+        fdr: query.number("fdr", "a number"),
     };
     query.finish(draft)
 }

@@ -35,8 +35,8 @@ pub const MOST_RULES: usize = 10;
 /// The most conditions of a rule.
 pub const MOST_CONDITIONS: usize = 3;
 
-/// Sums of one round, of states and of rules, for conditions of each number: some seconds.
-const MOST_WORK: u64 = 400_000_000;
+/// Sums of one round, of states and of rules, for each number of conditions: half a second.
+const MOST_WORK: u64 = 200_000_000;
 
 /// What was found.
 #[derive(Debug, Clone, Default, PartialEq)]

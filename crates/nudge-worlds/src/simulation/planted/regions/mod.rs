@@ -7,13 +7,11 @@
 
 use nudge_core::domain::Entry;
 use nudge_core::tracks::EntryRule;
-use rand::distr::weighted::WeightedIndex;
-use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, Normal};
 use rand_pcg::Pcg64;
 
-use super::joint::dirichlet;
+use super::joint::{dirichlet, shuffle};
 
 mod searched;
 #[cfg(test)]
@@ -115,7 +113,7 @@ pub fn is_planted(bins: &[u32]) -> bool {
 fn states(random: &mut Pcg64) -> Vec<[u32; 6]> {
     let all: u32 = BINS.iter().product();
     let mut numbers: Vec<u32> = (0..all).collect();
-    numbers.shuffle(random);
+    shuffle(&mut numbers, random);
     let bins = |mut number: u32| {
         BINS.map(|bins| {
             let bin = number % bins;
@@ -148,11 +146,25 @@ fn visits(random: &mut Pcg64) -> Choice {
     choice(&weights)
 }
 
-/// One of some numbers, by weights.
-type Choice = WeightedIndex<f64>;
+/// One of some numbers, by weights: their sums up to each.
+#[derive(Debug, Clone)]
+struct Choice(Vec<f64>);
 
 fn choice(weights: &[f64]) -> Choice {
-    WeightedIndex::new(weights).expect("positive weights")
+    let mut sum = 0.0;
+    let up_to = |weight: &f64| {
+        sum += weight;
+        sum
+    };
+    Choice(weights.iter().map(up_to).collect())
+}
+
+impl Choice {
+    fn sample(&self, random: &mut Pcg64) -> usize {
+        let all = self.0.last().copied().unwrap_or(0.0);
+        let at = random.random_range(0.0..all);
+        self.0.partition_point(|sum| *sum <= at)
+    }
 }
 
 /// Returns how often the other must copy so that mutual information is that large, where either
