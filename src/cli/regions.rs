@@ -133,7 +133,7 @@ fn render(environment: &str, search: &proto::FindRegionsResponse) -> String {
     );
 
     for (at, found) in (1..).zip(&search.regions) {
-        text += &wrapped(&format!("{at}  when "), &found.region_in_words);
+        text += &wrapped(&format!("{at}  "), &place(&found.region_in_words));
     }
     if !search.regions.is_empty() {
         text += &format!("\n{}\n", table(search));
@@ -147,6 +147,14 @@ fn render(environment: &str, search: &proto::FindRegionsResponse) -> String {
         );
     }
     text + &format!("from {} transitions\n", count(search.as_of))
+}
+
+/// Says where, of a region in words.
+fn place(region: &str) -> String {
+    match region {
+        "everywhere" => region.into(),
+        conditions => format!("when {conditions}"),
+    }
 }
 
 fn table(search: &proto::FindRegionsResponse) -> String {

@@ -43,6 +43,7 @@ mod quotas;
 mod readiness;
 mod receipts;
 mod refits;
+mod region_searches;
 mod regions;
 mod removal;
 mod rules;

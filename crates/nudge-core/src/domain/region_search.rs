@@ -78,6 +78,10 @@ impl RegionSearchQuestion {
     /// Checks a question and lists every fault.
     pub fn new(environment: &Environment, draft: &RegionSearchDraft) -> Result<Self, Problem> {
         let mut faults = Vec::new();
+        if draft.pair.policy.is_some() {
+            let detail = "a search is by the habits that were observed: expected none";
+            faults.push(Fault::new("/policy", detail));
+        }
         let scope = Scope::check(environment, &draft.pair).map_err(|found| faults.extend(found));
         let region = Region::checked(&draft.region, &environment.coordinates());
         let below = |found: Vec<Fault>| found.into_iter().map(|fault| fault.under("/region"));
@@ -86,7 +90,7 @@ impl RegionSearchQuestion {
         let most = checked_most(draft.most).map_err(|found| faults.push(found));
 
         match (scope, region, fdr, most) {
-            (Ok(scope), Ok(region), Ok(fdr), Ok(most)) => Ok(Self {
+            (Ok(scope), Ok(region), Ok(fdr), Ok(most)) if faults.is_empty() => Ok(Self {
                 pair: scope.pair,
                 segments: scope.segments,
                 within: scope.within,

@@ -9,7 +9,7 @@ use super::sum::FEWEST_VISITS;
 
 /// Intervals begin and end at so many bins at most: at those that part the visits evenly, where
 /// more have any.
-const MOST_STEPS: usize = 20;
+const MOST_STEPS: usize = 16;
 /// The most values that conditions name of a coordinate without an order: those with most visits.
 const MOST_VALUES: usize = 48;
 

@@ -21,8 +21,6 @@ mod sum;
 #[cfg(test)]
 mod tests;
 
-use std::collections::BTreeMap;
-
 use boxes::{Best, Tuple};
 use column::Column;
 
@@ -36,7 +34,7 @@ pub const MOST_RULES: usize = 10;
 pub const MOST_CONDITIONS: usize = 3;
 
 /// Sums of one round, of states and of rules, for each number of conditions: half a second.
-const MOST_WORK: u64 = 200_000_000;
+const MOST_WORK: u64 = 100_000_000;
 
 /// What was found.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -59,20 +57,7 @@ pub struct Searched {
 /// least, while z of the difference of the rates D / V is below 3; one that loses all of them
 /// means every state. No rule is returned whose score is not above 0.
 pub fn search(states: States, most: usize, goes_on: &dyn Fn() -> bool) -> Option<Searched> {
-    let mut search = Search::new(states);
-    let mut searched = Searched::default();
-    while searched.rules.len() < most {
-        let round = search.round(goes_on)?;
-        if searched.rules.is_empty() {
-            (searched.looked_at, searched.left_out) = (round.looked_at, round.left_out);
-        }
-        let Some(best) = round.best else { break };
-
-        let rule = search.states.simplified(best);
-        search.states.leave(&rule.conditions);
-        searched.rules.push(rule);
-    }
-    Some(searched)
+    Search::new(states, MOST_WORK).rules(most, goes_on)
 }
 
 /// A search that is under way.
@@ -81,98 +66,129 @@ struct Search {
     columns: Vec<Column>,
     /// ln C.
     price: f64,
-}
-
-/// What one pass over all rules found.
-struct Round {
-    best: Option<Vec<Condition>>,
-    looked_at: u64,
-    left_out: Vec<usize>,
+    most_work: u64,
 }
 
 impl Search {
-    fn new(states: States) -> Self {
+    fn new(states: States, most_work: u64) -> Self {
         let columns = Column::all(&states);
         let conditions: u64 = columns.iter().map(Column::conditions).sum();
         Self {
             states,
             columns,
             price: (conditions.max(1) as f64).ln(),
+            most_work,
         }
     }
 
-    fn round(&self, goes_on: &dyn Fn() -> bool) -> Option<Round> {
-        let codes: Vec<Vec<u8>> = self
-            .columns
-            .iter()
-            .map(|one| one.codes(&self.states))
-            .collect();
-        let mut best: Option<(Best, Vec<usize>)> = None;
-        let (mut looked_at, mut left_out) = (0, Vec::new());
-        // The best score of the rules with a coordinate, by which some are chosen for larger rules.
-        let mut promise: BTreeMap<usize, f64> = (0..self.columns.len())
-            .map(|at| (at, f64::NEG_INFINITY))
-            .collect();
+    fn rules(mut self, most: usize, goes_on: &dyn Fn() -> bool) -> Option<Searched> {
+        let mut searched = Searched::default();
+        while searched.rules.len() < most {
+            let round = Round::new(&self).run(goes_on)?;
+            if searched.rules.is_empty() {
+                (searched.looked_at, searched.left_out) = (round.looked_at, round.left_out());
+            }
+            let Some(best) = round.best() else { break };
 
+            let rule = self.states.simplified(best);
+            self.states.leave(&rule.conditions);
+            searched.rules.push(rule);
+        }
+        Some(searched)
+    }
+}
+
+/// One pass over all rules.
+struct Round<'a> {
+    search: &'a Search,
+    /// Of each column, the code of each state.
+    codes: Vec<Vec<u8>>,
+    /// The best rule so far, and its columns.
+    best: Option<(Best, Vec<usize>)>,
+    /// The best score so far of the rules with each column, by which some are chosen for larger ones.
+    promise: Vec<f64>,
+    looked_at: u64,
+    /// The columns of the rules that were looked at last.
+    chosen: Vec<usize>,
+}
+
+impl<'a> Round<'a> {
+    fn new(search: &'a Search) -> Self {
+        let columns = search.columns.iter();
+        Self {
+            codes: columns.map(|one| one.codes(&search.states)).collect(),
+            best: None,
+            promise: vec![f64::NEG_INFINITY; search.columns.len()],
+            looked_at: 0,
+            chosen: Vec::new(),
+            search,
+        }
+    }
+
+    fn run(mut self, goes_on: &dyn Fn() -> bool) -> Option<Self> {
         for size in 1..=MOST_CONDITIONS {
-            let chosen = self.affordable(size, &promise);
-            left_out = (0..self.columns.len())
-                .filter(|at| !chosen.contains(at))
-                .collect();
-            for at in tuples(&chosen, size) {
+            self.chosen = self.affordable(size);
+            for at in tuples(&self.chosen, size) {
                 if !goes_on() {
                     return None;
                 }
-                let columns: Vec<&Column> = at.iter().map(|at| &self.columns[*at]).collect();
-                let codes: Vec<&[u8]> = at.iter().map(|at| codes[*at].as_slice()).collect();
-                looked_at += rules(&columns);
-                let price = size as f64 * self.price;
-                let found = Tuple::new(&columns, &codes, self.states.sums()).best(price);
-                let Some(found) = found else { continue };
-
-                for at in &at {
-                    let promise = promise.entry(*at).or_insert(found.score);
-                    *promise = promise.max(found.score);
-                }
-                if best
-                    .as_ref()
-                    .is_none_or(|(best, _)| found.beats(best.score))
-                {
-                    best = Some((found, at));
-                }
+                self.look(at);
             }
         }
+        Some(self)
+    }
 
-        let best = best.filter(|(best, _)| best.score > 0.0);
-        let conditions = |(best, at): (Best, Vec<usize>)| {
-            let pairs = at.iter().zip(best.ranges);
-            pairs
-                .map(|(at, range)| self.columns[*at].condition(range))
-                .collect()
+    /// Looks at all rules with a condition on each of these columns.
+    fn look(&mut self, at: Vec<usize>) {
+        let columns: Vec<&Column> = at.iter().map(|at| &self.search.columns[*at]).collect();
+        let codes: Vec<&[u8]> = at.iter().map(|at| self.codes[*at].as_slice()).collect();
+        self.looked_at += rules(&columns);
+
+        let price = at.len() as f64 * self.search.price;
+        let tuple = Tuple::new(&columns, &codes, self.search.states.sums());
+        let Some(found) = tuple.best(price) else {
+            return;
         };
-        Some(Round {
-            best: best.map(conditions),
-            looked_at,
-            left_out: left_out
-                .into_iter()
-                .map(|at| self.columns[at].axis())
-                .collect(),
-        })
+
+        for at in &at {
+            self.promise[*at] = self.promise[*at].max(found.score);
+        }
+        let best = self.best.as_ref();
+        if best.is_none_or(|(best, _)| found.beats(best.score)) {
+            self.best = Some((found, at));
+        }
     }
 
     /// Returns the columns that rules of so many conditions are looked for with, in order: all of
     /// them, or as many as can be afforded of those with the best rules so far.
-    fn affordable(&self, size: usize, promise: &BTreeMap<usize, f64>) -> Vec<usize> {
-        let mut ranked: Vec<(usize, f64)> = promise.iter().map(|(at, best)| (*at, *best)).collect();
-        ranked.sort_by(|(a, a_best), (b, b_best)| b_best.total_cmp(a_best).then(a.cmp(b)));
-        let mut work = Work::new(size, self.states.len() as u64);
-        let affordable = ranked.into_iter().take_while(|(at, _)| {
-            work.add(&self.columns[*at]);
-            work.total() <= MOST_WORK
+    fn affordable(&self, size: usize) -> Vec<usize> {
+        let mut ranked: Vec<usize> = (0..self.promise.len()).collect();
+        // Of equals the first, as the sort is stable.
+        ranked.sort_by(|a, b| self.promise[*b].total_cmp(&self.promise[*a]));
+
+        let mut work = Work::new(size, self.search.states.len() as u64);
+        let affordable = ranked.into_iter().take_while(|at| {
+            work.add(&self.search.columns[*at]);
+            work.total() <= self.search.most_work
         });
-        let mut chosen: Vec<usize> = affordable.map(|(at, _)| at).collect();
+        let mut chosen: Vec<usize> = affordable.collect();
         chosen.sort_unstable();
         chosen
+    }
+
+    /// Returns the conditions of the best rule; `None` where no score is above 0.
+    fn best(&self) -> Option<Vec<Condition>> {
+        let (best, at) = self.best.as_ref().filter(|(best, _)| best.score > 0.0)?;
+        let both = at.iter().zip(&best.ranges);
+        let condition = |(at, range): (&usize, &_)| self.search.columns[*at].condition(*range);
+        Some(both.map(condition).collect())
+    }
+
+    /// Returns the coordinates that the largest rules were not looked for with.
+    fn left_out(&self) -> Vec<usize> {
+        let columns = self.search.columns.iter().enumerate();
+        let others = columns.filter(|(at, _)| !self.chosen.contains(at));
+        others.map(|(_, column)| column.axis()).collect()
     }
 }
 
