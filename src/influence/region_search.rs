@@ -16,10 +16,9 @@ use crate::domain::{
     RegionSearchQuestion, SegmentId, StateKey, Within, left_out,
 };
 use crate::error::Problem;
-use crate::information::Table;
-use crate::information::pooled::{MomentsMemo, Pool, Pooled, Stratum};
+use crate::information::pooled::{self, MomentsMemo, Pool, Pooled};
 use crate::information::search::{MOST_RULES, Searched, States, Sum, search};
-use crate::priors::{Pages, Tables};
+use crate::priors::{Pages, Stratum, Tables};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress, Stop, Stopped};
 
@@ -98,24 +97,13 @@ impl RegionSearchContext {
         }
     }
 
-    /// Returns the strata of a state that are in a half, each with its segment.
-    fn strata(&self, state: &Scanned, half: Half) -> Vec<(SegmentId, Table)> {
+    /// Returns the strata of a state that are in a half.
+    fn strata(&self, state: &Scanned, half: Half) -> Vec<Stratum> {
         let (schema, pair) = (&self.environment.schema, &self.question.pair);
-        let cells = || state.counts.of_pair(schema, pair, self.segments.as_deref());
-        let is_in = |given, segment| self.halves.of(&state.key, given, segment) == half;
-
-        match self.halves {
-            Halves::Segments { .. } => {
-                let mut strata = Tables::strata_of_segments(schema, pair, cells());
-                strata.retain(|(segment, _)| is_in(0, *segment));
-                strata
-            }
-            Halves::Strata => Tables::numbered_strata(schema, pair, cells())
-                .into_iter()
-                .filter(|(given, _)| is_in(*given, SegmentId(0)))
-                .map(|(_, table)| (SegmentId(0), table))
-                .collect(),
-        }
+        let cells = state.counts.of_pair(schema, pair, self.segments.as_deref());
+        let mut strata = Tables::strata_within(schema, pair, self.question.within, cells);
+        strata.retain(|one| self.halves.of(&state.key, one.held, one.segment) == half);
+        strata
     }
 }
 
@@ -138,7 +126,7 @@ pub async fn make(
     let within = &context.question.region;
     let regions: Vec<Region> = rules.map(|rule| within.ruled(&coordinates, rule)).collect();
     progress.begin("states tested", totals.states);
-    let pooled = pooled(store, gate, context, &regions, progress).await?;
+    let pooled = tested(store, gate, context, &regions, progress).await?;
 
     let sums = searched.rules.iter().map(|rule| rule.sum);
     let tested = regions.into_iter().zip(sums).zip(pooled);
@@ -195,8 +183,8 @@ fn sums<'a>(
         for state in part.iter().filter(|state| region.contains(&state.key)) {
             stop.check()?;
             let mut sum = Sum::default();
-            for (_, table) in context.strata(state, Half::Search) {
-                sum.add(&Sum::of(&table, memo));
+            for one in context.strata(state, Half::Search) {
+                sum.add(&Sum::of(&one.table, memo));
             }
             sums.push((&state.key, sum));
         }
@@ -213,7 +201,7 @@ struct Tested {
 }
 
 /// Returns what the half to test says of each region, without the states of those before it.
-async fn pooled(
+async fn tested(
     store: &dyn Store,
     gate: &Gate,
     context: &RegionSearchContext,
@@ -221,11 +209,11 @@ async fn pooled(
     progress: &Progress,
 ) -> Result<Vec<Pooled>, Problem> {
     let alphabet = context.question.pair.alphabet(&context.environment.schema);
-    let tested = || Tested {
+    let none = || Tested {
         pool: Pool::new(alphabet),
         memo: MomentsMemo::default(),
     };
-    let mut all: Vec<Tested> = regions.iter().map(|_| tested()).collect();
+    let mut all: Vec<Tested> = regions.iter().map(|_| none()).collect();
     if all.is_empty() {
         return Ok(Vec::new());
     }
@@ -279,12 +267,12 @@ fn added<'a>(
 }
 
 impl Tested {
-    fn add(&mut self, state: u64, strata: &[(SegmentId, Table)]) {
-        for (SegmentId(segment), table) in strata {
-            let stratum = Stratum {
+    fn add(&mut self, state: u64, strata: &[Stratum]) {
+        for one in strata {
+            let stratum = pooled::Stratum {
                 state,
-                segment: segment.unsigned_abs(),
-                table,
+                segment: one.segment.0.unsigned_abs(),
+                table: &one.table,
             };
             self.pool.add(stratum, &mut self.memo);
         }

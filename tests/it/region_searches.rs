@@ -73,7 +73,7 @@ async fn counted(app: &TestApp, name: &str, drawn: &Drawn) {
         let batch = Batch {
             sequence: Sequence::new(segment as u64 + 1).expect("above 0"),
             segment: segment.to_string().parse().ok(),
-            records: Records::collect(widths, records.into_iter().map(Ok)),
+            records: Records::collect(widths.clone(), records.into_iter().map(Ok)),
         };
         let producer = "test".parse().expect("a producer");
         let told = app.app.ingest.write(&environment, producer, batch).await;
