@@ -1,3 +1,5 @@
+//! Searches of small grids: what is found, and that nothing better is missed.
+
 use std::cell::Cell;
 use std::ops::Range;
 

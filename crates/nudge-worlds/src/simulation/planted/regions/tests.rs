@@ -1,3 +1,5 @@
+//! Searches in drawn worlds: what was planted is found as it is, and nothing where nothing was.
+
 use rayon::prelude::*;
 
 use super::*;
