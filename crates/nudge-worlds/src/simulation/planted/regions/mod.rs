@@ -135,11 +135,7 @@ fn habits(world: World, random: &mut Pcg64) -> Vec<[Choice; 2]> {
 }
 
 fn visits(random: &mut Pcg64) -> Choice {
-    let uneven = Normal::new(
-        0.0,
-        std::env::var("UNEVEN").map_or(UNEVEN, |v| v.parse().unwrap()),
-    )
-    .expect("a positive deviation");
+    let uneven = Normal::new(0.0, UNEVEN).expect("a positive deviation");
     let weights: Vec<f64> = (0..STATES)
         .map(|_| f64::exp(uneven.sample(random)))
         .collect();

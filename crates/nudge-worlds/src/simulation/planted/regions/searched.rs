@@ -114,9 +114,12 @@ fn meets(rule: &FoundRule, bins: &[u32]) -> bool {
         .all(|one| one.bins.contains(&bins[one.axis]))
 }
 
+/// The ego's action, the other's, and how often.
+type Count = (u64, u64, u64);
+
 /// Returns the table of each state and segment, rows for the ego.
 fn tables(drawn: &Drawn) -> BTreeMap<(usize, usize), Table> {
-    let mut counts: BTreeMap<(usize, usize), Vec<(u64, u64, u64)>> = BTreeMap::new();
+    let mut counts: BTreeMap<(usize, usize), Vec<Count>> = BTreeMap::new();
     for draw in &drawn.draws {
         let stratum = counts.entry((draw.state, draw.segment)).or_default();
         stratum.push((draw.ego as u64, draw.other as u64, 1));
