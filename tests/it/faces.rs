@@ -606,11 +606,14 @@ async fn a_third_agent_held_fixed_reveals_what_it_hid() {
 
 /// Every whole number that the body of a request has, with one that is right: by the schema of the
 /// document, and where it stands.
-const WHOLE: [(&str, &str); 12] = [
+const WHOLE: [(&str, &str); 14] = [
     ("Circular.bins", "8"),
     ("Integer.max", "3"),
     ("Integer.min", "0"),
     ("Outcome.lag", "2"),
+    // Before the one that ends alike.
+    ("RegionSearchQuestion.lag", "2"),
+    ("RegionSearchQuestion.most", "3"),
     ("Question.lag", "2"),
     ("Rule.min_visits", "8"),
     ("TrainingRequest.epochs", "5"),
@@ -706,6 +709,7 @@ async fn a_whole_number_is_one_however_it_is_written() {
         "members": TrainingRequest.members,
         "seed": TrainingRequest.seed, "width": TrainingRequest.width}"#;
     let question = r#"{"ego": "d", "other": "c", "keys": ["0.0"], "lag": Question.lag}"#;
+    let search = r#"{"ego": "d", "other": "c", "lag": RegionSearchQuestion.lag, "most": RegionSearchQuestion.most}"#;
     let written = |text: &str, odd: &str, ending: &str| {
         let fill = |text: String, (member, number): &(&str, &str)| {
             text.replace(
@@ -733,6 +737,7 @@ async fn a_whole_number_is_one_however_it_is_written() {
         let (_, name) = member.split_once('.').expect("a member");
         let (method, path, body) = match member.split_once('.') {
             _ if description.contains(member) => ("PUT", "/v1/environments/whole", description),
+            Some(("RegionSearchQuestion", _)) => ("POST", "/v1/environments/whole/regions", search),
             Some(("Question", _)) => ("POST", "/v1/environments/whole/influence", question),
             _ => ("POST", "/v1/environments/whole/models", training),
         };

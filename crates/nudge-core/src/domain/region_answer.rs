@@ -61,7 +61,7 @@ pub struct RegionFigures {
     pub warnings: Vec<String>,
     /// The fit of the prior.
     pub fit: FitId,
-    /// How many transitions of the environment the answer stands on.
+    /// How many transitions the environment had when the pass over its states began.
     pub revision: u64,
 }
 

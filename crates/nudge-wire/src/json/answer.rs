@@ -136,7 +136,9 @@ pub struct Answer {
     /// The fit of the prior that the evidence rests on.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fit: Option<Fit>,
-    /// How many transitions of the environment the answer stands on.
+    /// How many transitions of the environment the answer stands on. Of a region, at least so many: those
+    /// that were counted while its states were passed over may be in it or not; and where that takes
+    /// long, it is told as it was made last.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub revision: Option<u64>,
 }

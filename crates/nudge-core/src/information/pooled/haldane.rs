@@ -103,3 +103,42 @@ fn variance(table: &Table) -> f64 {
         _ => 2.0 * n / (n - 3.0) * (v_1 - w_1) * (v_2 - w_2) + n * n / (n - 1.0) * w_1 * w_2,
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    /// Draws a table in which the other copies three times in ten.
+    fn drawn(visits: u32, random: &mut Pcg64) -> Table {
+        Table::from_counts((0..visits).map(|_| {
+            let (row, column) = (random.random_range(0..3), random.random_range(0..3));
+            let copies = random.random::<f64>() < 0.3;
+            (row, if copies { row } else { column }, 1)
+        }))
+    }
+
+    #[test]
+    fn the_sampling_variance_is_that_of_tables_drawn_again() {
+        const TABLES: usize = 2_000;
+        let mut random = Pcg64::seed_from_u64(3);
+        let tables: Vec<Table> = (0..TABLES).map(|_| drawn(600, &mut random)).collect();
+        let squares: Vec<f64> = tables.iter().map(value).collect();
+        let mean = squares.iter().sum::<f64>() / TABLES as f64;
+        let among = squares.iter().map(|one| (one - mean).powi(2)).sum::<f64>() / TABLES as f64;
+
+        let told = |table: &Table| sampling_variance(table) + variance(table);
+        let told = tables.iter().map(told).sum::<f64>() / TABLES as f64;
+        assert!((told / among - 1.0).abs() < 0.1, "{told} beside {among}");
+    }
+
+    #[test]
+    fn a_table_that_was_seldom_seen_has_none() {
+        let seldom = Table::from_counts([(0, 0, 9), (1, 1, 9)]);
+        assert_eq!(sampling_variance(&seldom), 0.0);
+        let often = Table::from_counts([(0, 0, 10), (1, 1, 9), (0, 1, 1)]);
+        assert!(sampling_variance(&often) > 0.0);
+    }
+}
