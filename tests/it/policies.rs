@@ -262,6 +262,7 @@ impl Learner {
 
     /// Tries what is suggested, in a segment of its own.
     async fn explore(&mut self) {
+        self.fit().await;
         let told = self.app.get(&format!("{PATH}/explore?limit={ROUND}")).await;
         let trials = told["trials"].as_array().expect("trials").iter();
         let visits: Vec<(u64, u64)> = trials
@@ -278,7 +279,14 @@ impl Learner {
         }
     }
 
+    /// Fits the prior to what was counted, rather than some time in the background.
+    async fn fit(&self) {
+        let (status, fitted) = self.app.rest("POST", &format!("{PATH}/fit"), None).await;
+        assert_eq!(status, 200, "{fitted}");
+    }
+
     async fn verdicts(&self) -> Verdicts {
+        self.fit().await;
         let keys: Vec<String> = (0..PLACES).map(|place| place.to_string()).collect();
         let question = json!({"keys": keys, "view": "figures"});
         let path = format!("{PATH}/influence");

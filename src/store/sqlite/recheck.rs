@@ -60,13 +60,21 @@ async fn look(readers: &SqlitePool, environment: &Environment) -> Result<(), Sto
     // What a fit says is for those who made it, and is made again where it cannot be used.
     fits::fits(readers, id).await?;
     look_at_models(readers, id).await?;
-    look_at_indices(readers).await
+    look_at_shared_trees(readers).await
 }
 
-/// Looks whether small tables of all environments agree with their indices, as whoever adds to them
-/// will see.
-async fn look_at_indices(readers: &SqlitePool) -> Result<(), StoreError> {
+/// Looks whether the trees and indices that all environments write into are whole, as whoever adds to
+/// them will see: a commit, a fold or a fit that meets a damaged neighbour there meets it at times.
+async fn look_at_shared_trees(readers: &SqlitePool) -> Result<(), StoreError> {
     for check in [
+        "pragma integrity_check(cells)",
+        "pragma integrity_check(states)",
+        "pragma integrity_check(packed)",
+        "pragma integrity_check(journal)",
+        "pragma integrity_check(producers)",
+        "pragma integrity_check(batches)",
+        "pragma integrity_check(totals)",
+        "pragma integrity_check(fits)",
         "pragma integrity_check(models)",
         "pragma integrity_check(segments)",
     ] {

@@ -86,7 +86,7 @@ struct Slot {
     width: usize,
 }
 
-/// Numbers of several slots that a record has; [`MISSING`] where it has none.
+/// Numbers of several slots that a record has; one beyond all where it has none.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct SlotNumbers(Vec<Numbers>);
 
