@@ -19,7 +19,11 @@ OPEN = re.compile("|".join([
     # Agents, lags, segments, states, pages and versions that do not exist there.
     r"/(ego|other|given|segments|keys|states|state)(/.*)?|/state\..*|/(key|page_token|model|producer|lag)",
     # What a region names, and which bins and ranges its features have.
-    r"/region(/.*)?|/region\..*",
+    r"/regions?(/.*)?|/region\..*",
+    # Which features a grain keeps, and that states have none.
+    r"/features(/\d+)?",
+    # Whose habits weigh: segments that are there, with labels that are printable.
+    r"/policy([./]segments(/\d+)?)?|/rule[./]exploration(/\d+)?",
     # Derived features are of features that are there, and of some kinds alone.
     r"/derived(/.*)?",
     # Which characters are printable is for Unicode to say.
@@ -35,6 +39,8 @@ OPEN = re.compile("|".join([
     r"/name|/schema_hash",
     # Discoveries by a method need a rate.
     r"/method|/fdr",
+    # What is asked of states alone.
+    r"/estimators|/significance|/visits_to_decide",
     # Members are at most the folds.
     r"/members|/folds",
 ]))

@@ -150,7 +150,7 @@ fn render(environment: &str, search: &proto::FindRegionsResponse) -> String {
 }
 
 /// Says where, of a region in words.
-fn place(region: &str) -> String {
+pub(super) fn place(region: &str) -> String {
     match region {
         "everywhere" => region.into(),
         conditions => format!("when {conditions}"),

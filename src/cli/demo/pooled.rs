@@ -5,6 +5,7 @@ use crate::api::proto;
 use crate::cli::Failure;
 use crate::cli::output::{Table, figure, print};
 use crate::cli::profile::p_value;
+use crate::cli::regions::place;
 use crate::client::{Connection, patiently, schema_of};
 
 /// The level at which an environment is said to have influence in it, divided by the number of
@@ -18,6 +19,10 @@ as much; size: how strong it is. Nothing is found where p is above .05 divided b
 the lags looked at, both ways: the strongest of many is large by chance.
 follower is planted: it copies its leader two steps later, where they are near.
 shuffled is the same play with actions exchanged within each state.";
+
+const WHERE: &str = "
+where: the region that stands out in half of the games; z, p: how far the same
+region stands out in the other half. Where none does, none is told.";
 
 /// One lag in one direction.
 struct Looked {
@@ -45,14 +50,54 @@ pub(super) async fn tell(connection: &Connection, environments: &[String]) -> Re
         "size",
     ];
     let mut table = Table::new(&titles);
+    let mut regions = Table::new(&["environment", "where", "z", "p"]);
     for environment in environments {
         let strongest = strongest(connection, environment).await?;
         table.row(row(environment, &strongest));
+        if strongest.is_found {
+            for found in found(connection, environment, strongest.looked).await? {
+                regions.row(region(environment, &found));
+            }
+        }
     }
     print(&format!(
-        "\nwhere one's action shows in what the other does: all states as one\n\n{}{EXPLAINED}",
-        table.render("")
+        "\nwhere one's action shows in what the other does: all states as one\n\n{}{EXPLAINED}\n\n{}{WHERE}",
+        table.render(""),
+        regions.render("")
     ))
+}
+
+/// Returns the regions in which that lives: found in one half of the segments, tested on the other.
+async fn found(
+    connection: &Connection,
+    environment: &str,
+    looked: Looked,
+) -> Result<Vec<proto::FoundRegion>, Failure> {
+    let scope = proto::Scope {
+        environment: environment.into(),
+        ego: looked.ego,
+        other: looked.other,
+        lag: looked.point.lag as i32,
+        ..Default::default()
+    };
+    let request = proto::FindRegionsRequest {
+        scope: Some(scope),
+        ..Default::default()
+    };
+    let ask = || {
+        let (mut client, request) = (connection.influence(), request.clone());
+        async move { client.find_regions(request).await }
+    };
+    Ok(patiently(ask).await?.regions)
+}
+
+fn region(environment: &str, found: &proto::FoundRegion) -> [String; 4] {
+    [
+        label(environment),
+        place(&found.region_in_words),
+        format!("{:.1}", found.z),
+        p_value(found.p_value),
+    ]
 }
 
 /// Looks at every lag in both directions: returns the largest excess of those that chance would not

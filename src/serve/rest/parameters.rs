@@ -186,8 +186,8 @@ pub struct RegionSearchParameters {
     /// or a derived one, `1`, `onion,dish`, `1..2` or `#0,#1` for bins by number.
     #[param(style = Form, explode, value_type = BTreeMap<String, String>, example = json!({"region.distance": "1..2", "region.held": "onion,dish"}), required = false)]
     region: Option<BTreeMap<String, String>>,
-    /// The most regions that are tested; 10 by default.
-    #[param(minimum = 1, maximum = 10)]
+    /// The most regions that are tested; 10 by default, which 0 means too.
+    #[param(minimum = 0, maximum = 10)]
     most: Option<u64>,
     /// The share of false ones among the regions told that is accepted on average; .05 by default.
     #[param(example = 0.05)]

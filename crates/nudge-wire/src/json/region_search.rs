@@ -48,9 +48,9 @@ pub struct RegionSearchQuestion {
     #[serde(default, deserialize_with = "or_default")]
     #[schema(nullable, value_type = Object, example = json!({"held": ["onion", "dish"], "distance": {"from": 1, "below": 3}}))]
     pub region: Region,
-    /// The most regions that are tested, 1 to 10; 10 if absent.
+    /// The most regions that are tested, 1 to 10; 10 if absent or 0.
     #[serde(default, deserialize_with = "perhaps_whole")]
-    #[schema(minimum = 1, maximum = 10, example = 3)]
+    #[schema(minimum = 0, maximum = 10, example = 3)]
     pub most: Option<u64>,
     /// The share of false ones among the regions told that is accepted on average, above 0 and below
     /// 1; .05 if absent.
