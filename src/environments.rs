@@ -368,7 +368,7 @@ fn checked(
     let derived = derived(description.derived.as_deref(), schema.as_ref())
         .map_err(|found| faults.extend(found));
 
-    let kept = existing.map(|environment| environment.rule.clone());
+    let kept = existing.map(|environment| &environment.rule);
     let given = |draft: &RuleDraft| match (WrittenRule::default().merged(draft), &schema) {
         (Ok(rule), Some(schema)) => within_reach(rule, draft, schema, kept),
         (merged, _) => merged,
@@ -414,7 +414,7 @@ fn changed(environment: &Environment, draft: &ChangeDraft) -> Result<Change, Vec
 
     let merged = |draft: &RuleDraft| {
         let rule = environment.rule.merged(draft)?;
-        within_reach(rule, draft, schema, Some(environment.rule.clone()))
+        within_reach(rule, draft, schema, Some(&environment.rule))
     };
     let rule = draft.rule.as_ref().map(merged).transpose();
     let rule = rule.map_err(|found| faults.extend(under_rule(found))).ok();
@@ -460,7 +460,7 @@ fn within_reach(
     rule: WrittenRule,
     draft: &RuleDraft,
     schema: &Schema,
-    kept: Option<WrittenRule>,
+    kept: Option<&WrittenRule>,
 ) -> Result<WrittenRule, Vec<Fault>> {
     let is_kept =
         kept.is_some_and(|kept| (kept.threshold, kept.unit) == (rule.threshold, rule.unit));

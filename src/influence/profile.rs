@@ -12,7 +12,7 @@ use crate::domain::{
     Schema, SegmentId, Tally, Within,
 };
 use crate::error::Problem;
-use crate::information::pooled::{MomentsMemo, Pool, Stratum};
+use crate::information::pooled::{MomentsMemo, Pool};
 use crate::priors::{Pages, Tables};
 use crate::store::{Scanned, Store};
 use crate::work::{Gate, Progress, Stop, Stopped};
@@ -187,12 +187,7 @@ impl AtLag {
         let cells = || counts.of_pair(schema, &self.pair, drawn.segments);
         self.tally.add(Tally::sum(cells()));
         for one in Tables::strata_within(schema, &self.pair, within, cells()) {
-            let stratum = Stratum {
-                state,
-                segment: one.segment.0.unsigned_abs(),
-                table: &one.table,
-            };
-            self.pool.add(stratum, &mut self.memo);
+            self.pool.add(one.of_state(state), &mut self.memo);
         }
     }
 }

@@ -330,7 +330,7 @@ impl RegionSums {
             self.segments.extend(&state.segments);
             self.believe(state);
             for stratum in &state.strata {
-                self.pool.add(pooled_stratum(state.number, stratum), memo);
+                self.pool.add(stratum.of_state(state.number), memo);
                 if let Some(responses) = &mut self.responses {
                     responses.add(&stratum.table);
                 }
@@ -419,13 +419,5 @@ impl RegionSums {
             pool.add(stratum, &mut memo);
         }
         pool.pooled(SEED)
-    }
-}
-
-fn pooled_stratum(state: u64, stratum: &Stratum) -> pooled::Stratum<'_> {
-    pooled::Stratum {
-        state,
-        segment: stratum.segment.0.unsigned_abs(),
-        table: &stratum.table,
     }
 }

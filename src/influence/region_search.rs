@@ -16,7 +16,7 @@ use crate::domain::{
     RegionSearchQuestion, SegmentId, StateKey, Within, left_out,
 };
 use crate::error::Problem;
-use crate::information::pooled::{self, MomentsMemo, Pool, Pooled};
+use crate::information::pooled::{MomentsMemo, Pool, Pooled};
 use crate::information::search::{MOST_RULES, Searched, States, Sum, search};
 use crate::priors::{Pages, Stratum, Tables};
 use crate::store::{Scanned, Store};
@@ -269,12 +269,7 @@ fn added<'a>(
 impl Tested {
     fn add(&mut self, state: u64, strata: &[Stratum]) {
         for one in strata {
-            let stratum = pooled::Stratum {
-                state,
-                segment: one.segment.0.unsigned_abs(),
-                table: &one.table,
-            };
-            self.pool.add(stratum, &mut self.memo);
+            self.pool.add(one.of_state(state), &mut self.memo);
         }
     }
 }

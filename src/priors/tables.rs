@@ -5,7 +5,7 @@ use std::borrow::Cow;
 
 use crate::domain::{Cell, Exchange, Independence, Pair, Schema, SegmentId, Tally, Within};
 use crate::evidence::{self, Ego};
-use crate::information::{self, ExpectedMethod, Table};
+use crate::information::{self, ExpectedMethod, Table, pooled};
 
 /// The tables of one state for one pair.
 pub struct Tables {
@@ -41,6 +41,17 @@ pub struct Stratum {
     pub segment: SegmentId,
     /// Its draws, rows for the ego.
     pub table: Table,
+}
+
+impl Stratum {
+    /// Returns it as a pool takes it, of the state with this number.
+    pub fn of_state(&self, state: u64) -> pooled::Stratum<'_> {
+        pooled::Stratum {
+            state,
+            segment: self.segment.0.unsigned_abs(),
+            table: &self.table,
+        }
+    }
 }
 
 impl Observations<'_> {
